@@ -8,7 +8,6 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod discovery;
-mod library;
 mod name_lookup;
 mod options;
 mod outbox;
@@ -18,6 +17,7 @@ mod rate;
 mod reading;
 pub mod services;
 mod session;
+mod transport;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -27,17 +27,16 @@ use tokio::task::JoinHandle;
 use tokio::time::{Interval, MissedTickBehavior};
 
 pub use discovery::nodes::Nodes;
-pub use library::process as dds_process;
-pub use library::qos::Quality;
 pub use options::interfaces::{Address, addresses};
 pub use options::{BridgeOptions, DOMAIN_MAX, DdsProcess, Interface, OptionsError};
 pub use publish::publisher::{PublishError, Publisher};
 pub use telltale_engine::model::monitors::DIAGNOSTICS;
 pub use telltale_msg::subscription::SubscriptionError;
+pub use transport::process as dds_process;
+pub use transport::quality::Quality;
 
 use discovery::graph::{OwnParticipants, Paces};
 use futures_util::FutureExt as _;
-use library::Participant;
 use outbox::{End, stopped};
 use probe::ProbeContext;
 use reading::topics::Carryover;
@@ -52,6 +51,7 @@ use telltale_msg::messages::GidSize;
 use telltale_msg::received::Stamped;
 use telltale_msg::ros_clock::RosClock;
 use telltale_msg::subscription::Plan;
+use transport::Participant;
 
 /// For the log's filter: the library writes a line for each forged packet, so anybody could fill the disk
 /// with them. The bridge logs the important errors itself.

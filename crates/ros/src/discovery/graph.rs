@@ -2,7 +2,7 @@
 //! developer's page of topics shows it.
 
 use crate::every;
-use crate::library::discovered::participant_name;
+use crate::transport::ids::participant_name;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -10,8 +10,8 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 use super::nodes::Nodes;
-use crate::library::{Found, Participant, Seen};
 use crate::outbox::stopped;
+use crate::transport::{Found, Participant, Seen};
 use telltale_clock::Clock;
 use telltale_engine::discovery::{Discovery, ENDPOINTS_MAX, Endpoint, TOPICS_MAX, TopicSeen};
 use telltale_engine::model::monitors::ProbeTarget;
@@ -215,7 +215,7 @@ fn dds_name(ros_topic: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::library::found;
+    use crate::transport::found;
 
     /// So many endpoints of one participant.
     fn add(seen: &mut Seen, participant: u8, endpoints: impl Iterator<Item = (String, String)>) {

@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use crate::library::spdp::{self, PREFIX, Prefix};
+use crate::transport::ids::{self, PREFIX, Prefix};
 use telltale_engine::model::sample::ProbeOutcome;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::cdr::{Endian, Fault, Reader};
@@ -93,7 +93,7 @@ impl Nodes {
         if self.announced.len() >= PARTICIPANTS_MAX || held(self) >= BYTES_MAX {
             self.announced.retain(|_, (writer, _)| self.present.contains(writer));
         }
-        let participant = spdp::prefix(&writer);
+        let participant = ids::prefix(&writer);
         let room = if held(self) < BYTES_MAX { Room::WHOLE } else { Room::SHARE };
         let Some(announcement) = announcement(body, endian, size, (&writer, room)) else { return };
         let is_rare = |name: &Arc<str>| {
@@ -123,7 +123,7 @@ impl Nodes {
     /// Whether the participant of this endpoint announces nodes and its announcement is not known as a whole: it came too
     /// late, was lost, or found no room among those of others.
     pub fn is_unheard(&self, endpoint: &Guid) -> bool {
-        let participant = spdp::prefix(endpoint);
+        let participant = ids::prefix(endpoint);
         let known = self.announced.get(&participant);
         if let Some((_, said)) = known.filter(|(writer, _)| self.present.contains(writer)) {
             return said.is_cut;
@@ -136,7 +136,7 @@ impl Nodes {
     /// Takes the writers that discovery knows; announcements of other writers no longer count. Discovery
     /// does not know the writers of the participant that asks, which certainly exist.
     pub fn update(&mut self, own: &Guid, mut writers: BTreeSet<Guid>, services: BTreeSet<Box<str>>) {
-        let announced = self.announced.get(&spdp::prefix(own));
+        let announced = self.announced.get(&ids::prefix(own));
         writers.extend(announced.map(|(writer, _)| *writer));
         self.present = writers;
         self.services = services;
@@ -161,7 +161,7 @@ impl Nodes {
 
     /// The node of a reader or writer, if it is announced.
     pub fn node_of(&self, endpoint: &Guid) -> Option<&str> {
-        let (writer, said) = self.announced.get(&spdp::prefix(endpoint))?;
+        let (writer, said) = self.announced.get(&ids::prefix(endpoint))?;
         let name = said.endpoints.get(endpoint).filter(|_| self.present.contains(writer));
         name.map(|name| &**name)
     }

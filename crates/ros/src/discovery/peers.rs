@@ -11,10 +11,11 @@ use tokio::net::UdpSocket;
 use tokio::task::AbortHandle;
 
 use crate::every;
-use crate::library::Participant;
-use crate::library::spdp::{self, VENDOR, discovery_port};
 use crate::name_lookup::Lookup;
 use crate::options::{BridgeOptions, Interface, interfaces};
+use crate::transport::Participant;
+use crate::transport::ids::prefix;
+use crate::transport::spdp::{self, VENDOR, discovery_port};
 use telltale_clock::Clock;
 
 /// The interval of announcements, and so the time to find a peer that is started later.
@@ -149,7 +150,7 @@ fn announcement(own: &Own, addresses: &[Ipv4Addr]) -> Vec<u8> {
     parameter(0x01, &[]);
     // Each of the library's own announcements has a higher number.
     let data = spdp::data(spdp::PAYLOAD, 1, &content);
-    [spdp::header(spdp::prefix(&own.guid)), data].concat()
+    [spdp::header(prefix(&own.guid)), data].concat()
 }
 
 /// UDP over IPv4.

@@ -5,7 +5,7 @@
 //! processes throw.
 
 use crate::every;
-use crate::library::discovered::TOPIC;
+use crate::transport::NODES_TOPIC;
 use std::collections::BTreeSet;
 use std::future::poll_fn;
 use std::sync::Arc;
@@ -14,9 +14,9 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 use super::nodes::{self, Nodes};
-use crate::library::qos::Via;
-use crate::library::{Participant, Quality, ReaderEvent, Seen, Writer};
 use crate::outbox::stopped;
+use crate::transport::quality::Via;
+use crate::transport::{Participant, Quality, ReaderEvent, Seen, Writer};
 use telltale_clock::Clock;
 use telltale_msg::cdr::Endian;
 use telltale_msg::messages::{self, GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
@@ -52,7 +52,7 @@ pub async fn run(participant: Participant, around: PresenceContext, mut stop: wa
 
 /// A writer of announcements. It keeps the last one for late joiners, as every rmw does.
 pub fn announcer(participant: &Participant) -> Writer {
-    participant.writer(TOPIC, &type_name(), Quality::LastValue)
+    participant.writer(NODES_TOPIC, &type_name(), Quality::LastValue)
 }
 
 /// Without end.
@@ -89,7 +89,7 @@ async fn listen(participant: &Participant, around: &PresenceContext, nodes: &wat
     let learn = &around.gid_size;
     let mut plan = around.plan.clone();
     plan.mark_changed();
-    let mut reader = participant.reader(TOPIC, &type_name(), Via::LastValue, DEPTH);
+    let mut reader = participant.reader(NODES_TOPIC, &type_name(), Via::LastValue, DEPTH);
     let mut looks = every(LOOK);
     loop {
         tokio::select! {
@@ -125,7 +125,7 @@ async fn listen(participant: &Participant, around: &PresenceContext, nodes: &wat
 
 /// The writers of announcements that discovery knows, and the services that a node serves.
 fn seen(seen: &Seen) -> (BTreeSet<Guid>, BTreeSet<Box<str>>) {
-    let announcing = seen.writers_of(TOPIC).map(|writer| writer.guid).collect();
+    let announcing = seen.writers_of(NODES_TOPIC).map(|writer| writer.guid).collect();
     let readers = seen.readers().map(|reader| (&*reader.topic, reader.guid));
     let writers = seen.writers().map(|writer| (&*writer.topic, writer.guid));
     (announcing, nodes::services(readers, writers))

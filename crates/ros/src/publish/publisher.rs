@@ -1,7 +1,8 @@
 //! A participant that publishes diagnostics and any other topic, as the nodes of a vehicle do.
 
-use crate::library::discovered::{TOPIC, participant_name};
-use crate::library::{Participant, Quality, Writer};
+use crate::transport::NODES_TOPIC;
+use crate::transport::ids::participant_name;
+use crate::transport::{Participant, Quality, Writer};
 use std::future::poll_fn;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -13,8 +14,8 @@ use tokio::task::JoinSet;
 
 use crate::discovery::peers::{self, Announcer};
 use crate::discovery::presence;
-use crate::library::qos::Via;
 use crate::options::BridgeOptions;
+use crate::transport::quality::Via;
 use crate::{BridgeError, DIAGNOSTICS};
 use telltale_clock::Clock;
 use telltale_engine::input::{Input, StatusArray};
@@ -231,7 +232,7 @@ impl Publisher {
     /// # Errors
     /// It was not offered, or a reader holds the writer back for too long.
     pub async fn announce(&self, nodes: &[(&str, Vec<&str>)], size: GidSize) -> Result<(), PublishError> {
-        let topic = || TOPIC.to_owned();
+        let topic = || NODES_TOPIC.to_owned();
         let writer = self.announcer.as_ref().ok_or_else(|| PublishError::NoSuchTopic(topic()))?;
         let mut whole: Vec<(String, Vec<Guid>, Vec<Guid>)> = Vec::with_capacity(nodes.len());
         for (name, topics) in nodes {

@@ -7,9 +7,9 @@ use std::sync::Arc;
 use tokio::sync::mpsc;
 
 use super::topics::Key;
-use crate::library::Participant;
-use crate::library::places;
-use crate::library::spdp::{self, Prefix};
+use crate::transport::Participant;
+use crate::transport::ids::{self, Prefix};
+use crate::transport::places;
 use telltale_clock::Clock;
 use telltale_engine::input::{Input, ReceptionTrouble, TroubleKind};
 use telltale_engine::model::sample::PublisherReport;
@@ -96,7 +96,7 @@ impl Learning {
             for writer in seen.writers_of(topic) {
                 let type_name = messages::ros_type_name(&writer.type_name);
                 let by = types.entry(topic.clone()).or_default().entry(type_name).or_default();
-                by.insert(spdp::prefix(&writer.guid));
+                by.insert(ids::prefix(&writer.guid));
             }
         }
         drop(seen);

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::task::{Context, Poll};
 use std::time::{Duration, SystemTime};
 
-use crate::library::qos::Via;
-use crate::library::{Participant, RawSample, Reader, ReaderEvent};
+use crate::transport::quality::Via;
+use crate::transport::{Participant, RawSample, Reader, ReaderEvent};
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::sample_bytes::{Guid, RawBody};
 use telltale_msg::subscription::Subscription;

@@ -11,10 +11,10 @@ use tokio::task::{JoinError, JoinSet};
 use super::learning::Learning;
 use super::topic::{Memory, Orders, Topic, TopicContext, Trial};
 use crate::discovery::graph::OwnParticipants;
-use crate::library::Found;
-use crate::library::places;
-use crate::library::spdp::{self, PREFIX, Prefix};
 use crate::outbox::End;
+use crate::transport::Found;
+use crate::transport::ids::{self, PREFIX, Prefix};
+use crate::transport::places;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::messages;
 use telltale_msg::subscription::{Plan, Subscription};
@@ -190,7 +190,7 @@ impl Topics {
         for found in seen.writers().filter(is_new) {
             let Some(subscription) = only_recorded(plan, &found.topic, &found.type_name) else { continue };
             let (_, by) = new.entry(key(&subscription)).or_insert((subscription, BTreeSet::new()));
-            by.insert(spdp::prefix(&found.guid));
+            by.insert(ids::prefix(&found.guid));
         }
         new.into_values().collect()
     }

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use crate::library::SampleId;
+use crate::transport::SampleId;
 use telltale_msg::services::{Correlation, Reply};
 
 /// Requests that are remembered.

@@ -3,8 +3,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::library::spdp::Prefix;
 use crate::rate::{Bucket, Rate};
+use crate::transport::ids::Prefix;
 use telltale_engine::model::service::Service;
 use telltale_engine::time::{Span, Timestamp};
 

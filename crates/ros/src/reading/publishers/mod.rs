@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::time::SystemTime;
 
 pub use self::published::Published;
-use crate::library::qos::Via;
+use crate::transport::quality::Via;
 use telltale_engine::time::Timestamp;
 use telltale_msg::sample_bytes::Guid;
 

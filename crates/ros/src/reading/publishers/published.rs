@@ -67,7 +67,7 @@ mod tests {
     use super::super::Offer;
     use super::super::tests::{A, B, OURS, START, offer};
     use super::*;
-    use crate::library::qos::Via;
+    use crate::transport::quality::Via;
 
     /// Listens from 98 s on the wall clock; knows the writers from 100 s there and 5 s here.
     fn found(offers: &[(Guid, Offer)], heard: &[Guid]) -> Writers {

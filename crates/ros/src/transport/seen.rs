@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::spdp::Prefix;
+use super::ids::Prefix;
 use super::{ENDPOINTS_MAX, Quality};
 use telltale_engine::discovery::Liveliness;
 use telltale_msg::sample_bytes::Guid;

@@ -5,21 +5,14 @@
 //! then a new participant replaces it. Samples and discovered endpoints come over a socket (`wire`) and are
 //! decoded in the main process.
 
-mod announced;
-mod busy_discovery;
 mod child;
-pub mod discovered;
-mod echo_check;
+mod dds;
+pub mod ids;
 mod inbox;
-mod keep;
-mod losses;
-mod open_readers;
 pub mod places;
-pub mod qos;
-pub(super) mod raw_bytes;
-mod relief;
+pub mod quality;
 mod seen;
-pub(super) mod spdp;
+mod told;
 mod watch;
 mod wire;
 
@@ -34,25 +27,32 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
 pub use child::process;
+pub use dds::spdp;
 pub use inbox::{Reader, ReaderEvent};
 #[cfg(test)]
 pub use seen::tests::found;
 pub use seen::{Found, Seen};
 use tokio::io::AsyncWriteExt as _;
 pub use watch::Ended;
-use wire::{Frame, Order};
+use wire::{Frame, Network, Order};
 
 use super::options::{self, BridgeOptions};
 use super::{BridgeError, DdsProcess};
-use announced::Announced;
+use dds::announced::Announced;
+use dds::keep;
+use ids::prefix;
 use inbox::Shared;
-pub use qos::Quality;
-use qos::Via;
+pub use quality::Quality;
+use quality::Via;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::sample_bytes::{Guid, RawBody};
 
 /// The interval of the DDS process's beats.
 const BEAT: Duration = Duration::from_millis(250);
+/// The topic on which participants announce their nodes.
+pub const NODES_TOPIC: &str = "ros_discovery_info";
+/// A larger message is refused: 100,000 statuses of 600 bytes are smaller.
+pub const BODY_BYTES_MAX: usize = 64 << 20;
 /// Bytes of samples of one reader that are under way or wait to be taken here. The library keeps the rest,
 /// and drops the oldest if that is too much.
 const WINDOW_BYTES: usize = 4 << 20;
@@ -143,7 +143,7 @@ impl Participant {
                 }
             }
         });
-        let open = Order::Open { domain: options.domain, networks: networks.clone() };
+        let open = Order::Open(Network::Dds { domain: options.domain, interfaces: networks.clone() });
         // The channel is new and empty.
         let _ = orders.try_send(open);
         let opened = tokio::time::timeout(OPENING, opened).await;
@@ -218,7 +218,7 @@ impl Participant {
             return false;
         }
         let (met, seen) = (announced.met(), self.seen());
-        let own = spdp::prefix(&self.0.guid);
+        let own = prefix(&self.0.guid);
         met.iter().any(|participant| *participant != own && !seen.has_any_of(participant))
     }
 
@@ -256,7 +256,7 @@ impl Participant {
     pub fn reader(&self, topic: &str, type_name: &str, via: Via, depth: usize) -> Reader {
         let id = self.next();
         // The topic on which a participant hears itself belongs to none of its nodes.
-        let reader = Reader::new(id, via, topic != discovered::TOPIC, self.clone());
+        let reader = Reader::new(id, via, topic != NODES_TOPIC, self.clone());
         let (topic, type_name) = (topic.to_owned(), type_name.to_owned());
         self.order(Order::Reader { id, topic, type_name, via, depth: depth as u32 });
         reader

@@ -1,15 +1,17 @@
 //! The readers of a DDS process, and what they have received.
 
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::{BTreeSet, HashSet};
 use std::task::{Context, Poll};
 
 use rustdds::dds::ReadError;
 use rustdds::{Subscriber, Topic, TopicDescription as _};
 
 use super::child::refused;
-use super::qos::{self, RawReader, Via};
-use super::wire::{self, Frame, FromChild};
-use super::{Found, RawSample, SAMPLE_BYTES, SampleId, WINDOW_BYTES};
+use super::qos::{self, RawReader};
+use crate::transport::quality::Via;
+use crate::transport::told::Told;
+use crate::transport::wire::{self, Frame, FromChild};
+use crate::transport::{RawSample, SAMPLE_BYTES, SampleId, WINDOW_BYTES};
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::sample_bytes::Guid;
 
@@ -53,7 +55,7 @@ impl OpenReader {
 pub struct OpenReaders {
     pub readers: Vec<OpenReader>,
     /// Endpoints that the parent knows.
-    pub told: BTreeMap<Guid, Found>,
+    pub told: Told,
     pub unknown: BTreeSet<Guid>,
 }
 
@@ -112,7 +114,7 @@ impl OpenReaders {
     fn topics_with_entity_ids_of_large(&self) -> HashSet<String> {
         let small: HashSet<_> =
             self.readers.iter().filter(|known| known.is_small()).map(|known| known.topic.name()).collect();
-        let writers = || self.told.values().filter(|found| found.writes);
+        let writers = || self.told.endpoints.values().filter(|found| found.writes);
         let large: HashSet<_> =
             writers().filter(|found| !small.contains(&found.topic)).map(|found| &found.guid[12..]).collect();
         writers().filter(|found| large.contains(&found.guid[12..])).map(|found| found.topic.clone()).collect()
@@ -162,7 +164,7 @@ impl OpenReaders {
                         hearing.in_flight += sample.weight();
                         hearing.largest = hearing.largest.max(Some(sample.weight()));
                         let writer = sample.writer;
-                        if !self.told.contains_key(&writer) && self.unknown.len() < UNKNOWN_MAX {
+                        if !self.told.endpoints.contains_key(&writer) && self.unknown.len() < UNKNOWN_MAX {
                             strangers |= self.unknown.insert(writer);
                         }
                         samples.news(&FromChild::Sample { reader: hearing.id, sample });

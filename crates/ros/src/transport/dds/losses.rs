@@ -6,9 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use rustdds::DomainParticipantStatusEvent as Event;
 use rustdds::LostReason;
 
-use super::Found;
-use super::spdp::{self, Prefix};
-use super::wire::Change;
+use crate::transport::Found;
+use crate::transport::ids::{self, Prefix};
+use crate::transport::wire::Change;
 use telltale_msg::sample_bytes::Guid;
 
 /// Participants that are remembered. Discovery is given up before it has lost so many.
@@ -40,9 +40,9 @@ impl Losses {
                 (participant, change)
             }
             Event::ParticipantDiscovered { dpd } => {
-                let participant = spdp::prefix(&dpd.guid.to_bytes());
+                let participant = ids::prefix(&dpd.guid.to_bytes());
                 let is_copy =
-                    dpd.lease_duration.is_some_and(|lease| spdp::is_of_copy(lease.to_nanoseconds()));
+                    dpd.lease_duration.is_some_and(|lease| super::spdp::is_of_copy(lease.to_nanoseconds()));
                 (participant, self.found(&participant, is_copy)?)
             }
             _ => return None,
@@ -81,7 +81,7 @@ impl Losses {
             if now.contains_key(guid) {
                 continue;
             }
-            let is_doubtful = self.doubtful.contains(&spdp::prefix(guid));
+            let is_doubtful = self.doubtful.contains(&ids::prefix(guid));
             if !is_doubtful && self.missing.contains(guid) {
                 continue;
             }
@@ -96,8 +96,8 @@ impl Losses {
 
 #[cfg(test)]
 mod tests {
-    use super::super::seen::tests::found;
     use super::*;
+    use crate::transport::found;
 
     fn all(guids: &[u8]) -> BTreeMap<Guid, Found> {
         guids.iter().map(|&guid| ([guid; 16], found(guid, "a"))).collect()

@@ -1,16 +1,8 @@
-//! The DDS process: the only place that touches the DDS library. It executes orders, and passes received
-//! samples and discovered endpoints up as bytes.
-//!
-//! A packet from the network can make the library take all memory or hang. So it runs in a process of its own,
-//! and `watch` checks it from outside.
+//! The DDS library in its process: the only place that touches it.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::future::poll_fn;
-use std::io::Write as _;
 use std::net::Ipv4Addr;
-use std::os::fd::AsFd as _;
-use std::os::unix::net::UnixStream;
-use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -20,22 +12,19 @@ use rustdds::{
     DomainParticipant, DomainParticipantBuilder, GUID, QosPolicyBuilder, RTPSEntity as _, SampleIdentity,
     SequenceNumber, StatusEvented as _, Subscriber, Topic, WriteOptionsBuilder,
 };
-use tokio::io::AsyncWriteExt as _;
-use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
-use tokio::signal::unix::{SignalKind, signal};
 use tokio::task::JoinSet;
-use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
 use super::busy_discovery::BusyDiscovery;
+use super::discovered;
 use super::echo_check::EchoCheck;
 use super::losses::Losses;
 use super::open_readers::{OpenReader, OpenReaders};
-use super::places;
 use super::qos::{self, RawWriter};
 use super::relief::Relief;
-use super::wire::{self, Frame, FromChild, Order};
-use super::{BEAT, SampleId, WRITING_MAX, discovered};
 use crate::every;
+use crate::transport::child::{Orders, ToParent, next};
+use crate::transport::wire::{self, FromChild, Order};
+use crate::transport::{BEAT, SampleId, WRITING_MAX};
 use telltale_clock::Clock;
 use telltale_engine::time::{Span, Timestamp};
 
@@ -49,111 +38,21 @@ const LOOK_AGAIN: Span = Span::from_millis(50);
 /// The time that the library has to end its threads.
 const ENDING: Duration = Duration::from_secs(1);
 
-/// `telltale dds-process PARENT MEGABYTES`, with the socket to its parent as standard input.
-pub fn process(parent: u32, megabytes: u64) -> ExitCode {
-    if let Err(error) = confine(parent, megabytes) {
-        tell(&error);
-        return ExitCode::FAILURE;
-    }
-    // Nobody notices when a thread of the library panics: the process would go on deaf.
-    std::panic::set_hook(Box::new(|panic| {
-        tell(&panic);
-        std::process::abort();
-    }));
-    match std::io::stdin().as_fd().try_clone_to_owned() {
-        Ok(socket) => serve(UnixStream::from(socket), true),
-        Err(error) => tell(&error),
-    }
-    // Threads of the library that do not end are left behind.
-    std::process::exit(0)
-}
-
-/// Says why it ends. Where nobody reads standard error it ends all the same.
-fn tell(why: &dyn std::fmt::Display) {
-    let _ = writeln!(std::io::stderr(), "telltale dds-process: {}", why.to_string().replace('\n', " "));
-}
-
-/// Limits the process: no more memory than `megabytes`, no longer life than its parent's, and the first to
-/// be killed when the machine runs out of memory.
-fn confine(parent: u32, megabytes: u64) -> std::io::Result<()> {
-    use rustix::process::{Resource, Rlimit, Signal};
-    rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
-    if std::os::unix::process::parent_id() != parent {
-        return Err(std::io::Error::other("it is started by `telltale serve`, `demo` and `sim` alone"));
-    }
-    let limit = |bytes| Rlimit { current: Some(bytes), maximum: Some(bytes) };
-    rustix::process::setrlimit(Resource::Data, limit(megabytes << 20))?;
-    rustix::process::setrlimit(Resource::Core, limit(0))?;
-    // If that cannot be written, the limit above still holds.
-    let _ = std::fs::write("/proc/self/oom_score_adj", "500");
-    Ok(())
-}
-
-/// Executes the orders that come over the socket, until the socket closes.
-pub fn serve(socket: UnixStream, alone: bool) {
-    let served = tokio::runtime::Builder::new_current_thread().enable_all().build().and_then(|runtime| {
-        let lived = runtime.block_on(live(socket, alone));
-        runtime.shutdown_background();
-        lived
-    });
-    if let Err(error) = served {
-        tracing::error!("the DDS process cannot be started: {error}");
-    }
-}
-
-/// Orders, in frames.
-type Orders = FramedRead<OwnedReadHalf, LengthDelimitedCodec>;
-
-/// The next orders. `None` if the program is gone or sends nonsense.
-async fn next(orders: &mut Orders) -> Option<Vec<Order>> {
-    wire::orders(&orders.next().await?.ok()?.freeze()).ok()
-}
-
-async fn live(socket: UnixStream, alone: bool) -> std::io::Result<()> {
-    if alone {
-        // The parent decides when to end: a signal to all processes of a service must not end this one
-        // before the last messages to the vehicle are published. After this call, these signals are ignored
-        // for good.
-        let _ = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()].map(signal);
-    }
-    socket.set_nonblocking(true)?;
-    let (reading, writing) = tokio::net::UnixStream::from_std(socket)?.into_split();
-    let mut orders = FramedRead::new(reading, wire::frames());
-    let mut first = next(&mut orders).await.unwrap_or_default().into_iter();
-    let Some(Order::Open { domain, networks }) = first.next() else { return Ok(()) };
-    let mut out = ToParent { socket: writing, frame: Frame::new(), samples: Frame::new() };
-    let ended = match Child::open(domain, networks, &mut out).await {
-        Ok(mut child) => {
-            let ended = child.run(first.collect(), &mut orders, &mut out).await;
-            child.close().await;
-            ended
-        }
-        Err(reason) => Err(reason),
-    };
-    if let Err(reason) = ended {
-        out.frame.news(&FromChild::Broken { reason: wire::cut(&reason) });
-        let _ = out.send().await;
-    }
-    Ok(())
-}
-
-/// The messages to the parent. Writing waits if the parent does not read.
-struct ToParent {
-    socket: OwnedWriteHalf,
-    frame: Frame,
-    /// Samples, which follow the description of their writers.
-    samples: Frame,
-}
-
-impl ToParent {
-    async fn send(&mut self) -> Result<(), String> {
-        for frame in [&mut self.frame, &mut self.samples] {
-            if !frame.is_empty() {
-                self.socket.write_all(&frame.take()).await.map_err(|error| error.to_string())?;
-            }
-        }
-        Ok(())
-    }
+/// Makes a participant on these interfaces, or on all, and executes orders until the program ends it.
+///
+/// # Errors
+/// The library can no longer be used.
+pub async fn run(
+    domain: u16,
+    interfaces: Option<Vec<Ipv4Addr>>,
+    first: Vec<Order>,
+    orders: &mut Orders,
+    out: &mut ToParent,
+) -> Result<(), String> {
+    let mut child = Child::open(domain, interfaces, out).await?;
+    let ended = child.run(first, orders, out).await;
+    child.close().await;
+    ended
 }
 
 struct Child {
@@ -162,10 +61,6 @@ struct Child {
     topics: BTreeMap<(String, String), Topic>,
     open_readers: OpenReaders,
     losses: Losses,
-    /// The topics whose endpoints are followed before others.
-    ours: BTreeSet<String>,
-    /// Endpoints that are not followed, as the parent knows: those of such topics, and all.
-    told_cut: (u32, u32),
     writers: BTreeMap<u32, Arc<RawWriter>>,
     writing: JoinSet<(u32, Option<String>)>,
     echo_check: EchoCheck,
@@ -195,8 +90,6 @@ impl Child {
             topics: BTreeMap::new(),
             open_readers: OpenReaders::default(),
             losses: Losses::default(),
-            ours: BTreeSet::new(),
-            told_cut: (0, 0),
             writers: BTreeMap::new(),
             writing: JoinSet::new(),
             echo_check,
@@ -272,7 +165,7 @@ impl Child {
     fn obey(&mut self, order: Order, out: &mut ToParent) -> Result<(), String> {
         match order {
             Order::Reader { id, topic, type_name, via, depth } => {
-                self.ours.insert(topic.clone());
+                self.open_readers.told.ours.insert(topic.clone());
                 let topic = self.topic(topic, type_name, depth as usize)?;
                 let reader = qos::reader(&self.subscriber, &topic, via).map_err(refused)?;
                 out.frame.news(&FromChild::Made { id, guid: reader.guid().to_bytes() });
@@ -288,7 +181,7 @@ impl Child {
                 qos::create_topic(&self.participant, &topic, &type_name, depth as usize).map_err(refused)?;
             }
             Order::Writer { id, topic, type_name, quality } => {
-                self.ours.insert(topic.clone());
+                self.open_readers.told.ours.insert(topic.clone());
                 let topic = qos::offered_topic(&self.participant, &topic, &type_name, quality);
                 let writer = topic.and_then(|topic| qos::writer(&self.participant, &topic, quality));
                 let writer = writer.map_err(refused)?;
@@ -301,8 +194,8 @@ impl Child {
                 }
             }
             Order::Forget { participant } => self.losses.forget(&participant),
-            Order::FollowFirst { topic } => drop(self.ours.insert(topic)),
-            Order::Open { .. } | Order::Close => {}
+            Order::FollowFirst { topic } => drop(self.open_readers.told.ours.insert(topic)),
+            Order::Open(_) | Order::Close => {}
         }
         Ok(())
     }
@@ -320,30 +213,11 @@ impl Child {
     /// Reports endpoints that are gone, new or have changed.
     fn tell_discovered(&mut self, out: &mut ToParent) -> Result<(), String> {
         let mut now = discovered::all(&self.participant);
-        let told = std::mem::take(&mut self.open_readers.told);
-        self.losses.look(&told, &mut now);
-        let places::Places { followed: now, cut_of_ours, cut } = places::choose(now, &told, &self.ours)?;
-        let before = std::mem::replace(&mut self.told_cut, (cut_of_ours, cut));
-        let tell_cut = |frame: &mut Frame| frame.news(&FromChild::Cut { of_ours: cut_of_ours, all: cut });
-        // Told first: an endpoint that was cut is not gone.
-        let is_more = cut_of_ours > before.0;
-        if is_more {
-            tell_cut(&mut out.frame);
+        let OpenReaders { told, unknown, .. } = &mut self.open_readers;
+        self.losses.look(&told.endpoints, &mut now);
+        if told.tell(now, 0, &mut out.frame)? {
+            unknown.clear();
         }
-        // Before the new ones, which need their places.
-        for guid in told.keys().filter(|guid| !now.contains_key(*guid)) {
-            out.frame.news(&FromChild::Gone { guid: *guid });
-        }
-        for (guid, found) in &now {
-            if told.get(guid) != Some(found) {
-                out.frame.news(&FromChild::Found(found.clone()));
-                self.open_readers.unknown.clear();
-            }
-        }
-        if !is_more && before != self.told_cut {
-            tell_cut(&mut out.frame);
-        }
-        self.open_readers.told = now;
         Ok(())
     }
 

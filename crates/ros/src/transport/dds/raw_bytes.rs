@@ -2,6 +2,7 @@
 //! it would poison the cache of the topic. It also runs under the lock of that cache, so this code only
 //! copies the bytes out.
 
+use crate::transport::BODY_BYTES_MAX;
 use std::convert::Infallible;
 use telltale_msg::sample_bytes::RawBody;
 
@@ -10,9 +11,6 @@ use rustdds::bytes::Bytes;
 use rustdds::no_key::{Decode, DefaultDecoder, DeserializerAdapter, SerializerAdapter};
 
 use telltale_msg::cdr::{Endian, Fault, FaultKind};
-
-/// A larger message is refused: 100,000 statuses of 600 bytes are smaller.
-pub const BODY_BYTES_MAX: usize = 64 << 20;
 
 pub struct RawAdapter;
 

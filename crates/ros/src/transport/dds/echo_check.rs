@@ -8,8 +8,9 @@ use rustdds::{DomainParticipant, RTPSEntity as _, Subscriber};
 
 use super::child::refused;
 use super::discovered;
-use super::qos::{self, RawWriter, Via};
+use super::qos::{self, RawWriter};
 use super::raw_bytes::RawAdapter;
+use crate::transport::quality::{Quality, Via};
 use telltale_msg::sample_bytes::RawBody;
 
 /// The writer and reader with which this participant hears itself, through the library's thread that sends
@@ -28,7 +29,7 @@ impl EchoCheck {
         let name = discovered::echo_topic(&participant.guid().to_bytes());
         let topic = qos::create_topic(participant, &name, "telltale::Alive", 1).map_err(refused)?;
         let reader = qos::reader(subscriber, &topic, Via::BestEffort).map_err(refused)?;
-        let writer = qos::writer(participant, &topic, super::Quality::BestEffort).map_err(refused)?;
+        let writer = qos::writer(participant, &topic, Quality::BestEffort).map_err(refused)?;
         Ok(EchoCheck { writer: Arc::new(writer), reader, writing: false, said: 0, heard: 0 })
     }
 

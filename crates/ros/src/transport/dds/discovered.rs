@@ -5,14 +5,12 @@ use std::collections::BTreeMap;
 use rustdds::DomainParticipant;
 use rustdds::policy::{self, Deadline, Durability, Reliability};
 
-use super::wire::NAME_BYTES_MAX;
-use super::{Found, Quality, qos};
+use super::qos;
+use crate::transport::ids::participant_name;
+use crate::transport::wire::NAME_BYTES_MAX;
+use crate::transport::{Found, Quality};
 use telltale_engine::discovery::{Liveliness, LivelinessKind};
-use telltale_engine::text::hex;
 use telltale_msg::sample_bytes::Guid;
-
-/// Bytes of a GUID that name the participant (RTPS 2.5, 9.3.1).
-pub const PREFIX: usize = 12;
 
 /// The kind of an entity in the last byte of its GUID, and a reader with a key (RTPS 2.5, 9.3.1.2).
 const ENTITY_KIND: u8 = 0x0f;
@@ -94,10 +92,3 @@ fn liveliness(said: Option<policy::Liveliness>) -> Liveliness {
 fn nanos(duration: rustdds::Duration) -> Option<u64> {
     (duration != rustdds::Duration::INFINITE).then(|| u64::try_from(duration.to_nanoseconds()).unwrap_or(0))
 }
-
-/// The participant of a GUID.
-pub fn participant_name(guid: &Guid) -> String {
-    hex(&guid[..PREFIX])
-}
-
-pub const TOPIC: &str = "ros_discovery_info";

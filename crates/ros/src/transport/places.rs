@@ -3,8 +3,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::spdp::{self, Prefix};
 use super::{ENDPOINTS_MAX, Found};
+use crate::transport::ids::{self, Prefix};
 use telltale_msg::sample_bytes::Guid;
 
 /// Endpoints on topics of ours that any participant may have, however many others there are.
@@ -38,7 +38,7 @@ pub fn choose(
     }
     let rank = |guid: &Guid, found: &Found| (!ours.contains(&found.topic), !told.contains_key(guid));
     let mut ranked: Vec<(Prefix, (bool, bool), Guid)> =
-        all.iter().map(|(guid, found)| (spdp::prefix(guid), rank(guid, found), *guid)).collect();
+        all.iter().map(|(guid, found)| (ids::prefix(guid), rank(guid, found), *guid)).collect();
     ranked.sort_unstable();
     // The number of each among those of its participant, on topics of ours or on others.
     let mut turns = Vec::with_capacity(ranked.len());

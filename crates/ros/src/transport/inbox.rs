@@ -11,10 +11,10 @@ use tokio::net::unix::OwnedReadHalf;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::codec::FramedRead;
 
-use super::announced::Announced;
-use super::qos::Via;
-use super::raw_bytes::BODY_BYTES_MAX;
-use super::spdp::Prefix;
+use super::BODY_BYTES_MAX;
+use super::dds::announced::Announced;
+use super::ids::Prefix;
+use super::quality::Via;
 use super::watch::Ended;
 use super::wire::{self, Change, FromChild, Order};
 use super::{ENDPOINTS_MAX, Participant, RawSample, SAMPLE_BYTES, Seen, WINDOW_BYTES};

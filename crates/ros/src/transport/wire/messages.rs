@@ -4,19 +4,16 @@ use std::net::Ipv4Addr;
 
 use bytes::Bytes;
 
-use crate::library::qos::Via;
-use crate::library::spdp::Prefix;
-use crate::library::{Found, Quality, RawSample, SampleId};
+use crate::transport::ids::Prefix;
+use crate::transport::quality::Via;
+use crate::transport::{Found, Quality, RawSample, SampleId};
 use telltale_msg::sample_bytes::Guid;
 
 /// From the program to the DDS process.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Order {
-    /// The first order: make a participant, on all interfaces if `networks` is missing.
-    Open {
-        domain: u16,
-        networks: Option<Vec<Ipv4Addr>>,
-    },
+    /// The first order: make a participant.
+    Open(Network),
     Reader {
         id: u32,
         topic: String,
@@ -61,6 +58,13 @@ pub enum Order {
     FollowFirst {
         topic: String,
     },
+}
+
+/// Where a participant is made.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Network {
+    /// On these interfaces, or on all.
+    Dds { domain: u16, interfaces: Option<Vec<Ipv4Addr>> },
 }
 
 /// From the DDS process to the program.

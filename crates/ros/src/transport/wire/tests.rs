@@ -9,8 +9,8 @@ const RELATED: SampleId = SampleId { writer: [8; 16], sequence: 1 << 40 };
 fn some_orders() -> Vec<Order> {
     let (topic, type_name) = ("rt/x".to_owned(), "std_msgs::msg::dds_::Bool_".to_owned());
     vec![
-        Order::Open { domain: 7, networks: Some(vec![Ipv4Addr::LOCALHOST]) },
-        Order::Open { domain: 232, networks: None },
+        Order::Open(Network::Dds { domain: 7, interfaces: Some(vec![Ipv4Addr::LOCALHOST]) }),
+        Order::Open(Network::Dds { domain: 232, interfaces: None }),
         Order::Reader {
             id: 1,
             topic: topic.clone(),

@@ -12,10 +12,11 @@ use tokio::net::UdpSocket;
 use tokio::sync::mpsc;
 
 use super::announced::Life;
-use super::inbox::{Loss, Shared};
-use super::spdp::{self, Prefix};
-use super::wire::Order;
+use super::spdp;
 use crate::every;
+use crate::transport::ids::{Prefix, prefix};
+use crate::transport::inbox::{Loss, Shared};
+use crate::transport::wire::Order;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::sample_bytes::Guid;
 
@@ -37,7 +38,7 @@ pub async fn run(
     shared: Arc<Shared>,
     orders: mpsc::WeakSender<Order>,
 ) {
-    let prefix = spdp::prefix(&own);
+    let prefix = prefix(&own);
     tokio::select! {
         _ = shared.ended() => {}
         () = keep(prefix, port, networks.as_deref(), &shared, orders) => {}

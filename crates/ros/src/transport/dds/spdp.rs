@@ -3,13 +3,9 @@
 
 use std::net::{Ipv4Addr, SocketAddrV4};
 
+use crate::transport::ids::{PREFIX, Prefix, prefix};
 use telltale_engine::time::Span;
 use telltale_msg::sample_bytes::Guid;
-
-/// The bytes of a GUID that name its participant.
-pub const PREFIX: usize = 12;
-/// The part of a GUID that names the participant.
-pub type Prefix = [u8; PREFIX];
 
 /// The group to which participants announce themselves.
 pub const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
@@ -60,10 +56,6 @@ pub fn group_port(domain: u16) -> u16 {
 /// The port on which one participant of a machine listens for announcements.
 pub fn discovery_port(domain: u16, participant: u16) -> u16 {
     7410 + 250 * domain + 2 * participant
-}
-
-pub fn prefix(guid: &Guid) -> Prefix {
-    std::array::from_fn(|index| guid[index])
 }
 
 /// Whether a copy has this lease.

@@ -10,10 +10,10 @@ use std::net::Ipv4Addr;
 use bytes::Bytes;
 use tokio_util::codec::LengthDelimitedCodec;
 
-use super::qos::Via;
-use super::raw_bytes::BODY_BYTES_MAX;
+use super::BODY_BYTES_MAX;
+use super::quality::Via;
 use super::{Found, Quality, RawSample, SampleId};
-pub use messages::{Change, FromChild, Order};
+pub use messages::{Change, FromChild, Network, Order};
 use telltale_engine::discovery::{Liveliness, LivelinessKind};
 use telltale_msg::cdr::{Endian, Fault, FaultKind};
 use telltale_msg::sample_bytes::Guid;
@@ -108,11 +108,11 @@ impl Frame {
 
     pub fn order(&mut self, order: &Order) {
         match order {
-            Order::Open { domain, networks } => {
-                self.u8(0).u16(*domain).u8(networks.is_some().into());
-                let networks = networks.as_deref().unwrap_or_default();
-                self.u32(u32::try_from(networks.len()).unwrap_or(u32::MAX));
-                networks.iter().for_each(|ip| self.0.extend(ip.octets()));
+            Order::Open(Network::Dds { domain, interfaces }) => {
+                self.u8(0).u16(*domain).u8(interfaces.is_some().into());
+                let interfaces = interfaces.as_deref().unwrap_or_default();
+                self.u32(u32::try_from(interfaces.len()).unwrap_or(u32::MAX));
+                interfaces.iter().for_each(|ip| self.0.extend(ip.octets()));
             }
             Order::Reader { id, topic, type_name, via, depth } => {
                 self.u8(1).u32(*id).bytes(topic.as_bytes()).bytes(type_name.as_bytes());
@@ -298,7 +298,7 @@ impl<'a> Reading<'a> {
                 let count = self.u32()? as usize;
                 let octets = self.slice(count.saturating_mul(4))?;
                 let ips = octets.chunks_exact(4).map(|ip| Ipv4Addr::new(ip[0], ip[1], ip[2], ip[3]));
-                Order::Open { domain, networks: is_some.then(|| ips.collect()) }
+                Order::Open(Network::Dds { domain, interfaces: is_some.then(|| ips.collect()) })
             }
             1 => Order::Reader {
                 id: self.u32()?,

@@ -12,9 +12,10 @@ use socket2::{Protocol, Socket, Type};
 use tokio::net::UdpSocket;
 use tokio::task::AbortHandle;
 
-use super::Seen;
-use super::spdp::{self, Announcement, Prefix, Said};
+use super::spdp::{self, Announcement, Said};
 use crate::options::interfaces;
+use crate::transport::Seen;
+use crate::transport::ids::Prefix;
 use telltale_clock::Clock;
 use telltale_engine::time::{Span, Timestamp};
 
