@@ -234,6 +234,11 @@ fn check(
             "{path}, {}, sha256 {hash}, as it was when it was taken in; nothing proves it before that",
             size(bytes)
         )),
+        _ if incident.is_some_and(|it| it.summary.recording.interrupted) => Found::Whole(format!(
+            "{path}, {}, sha256 {hash}, as it was when the server started again after the interruption; nothing proves \
+             it before that",
+            size(bytes)
+        )),
         _ => Found::Whole(format!("{path}, {}, sha256 {hash}", size(bytes))),
     }
 }
