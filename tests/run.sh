@@ -154,7 +154,7 @@ rust_tests() {
     export RUST_TEST_THREADS=$((2 * threads))
     # A test that waits without end is a failure with a name; building takes as long as it takes.
     local limited="timeout --foreground --kill-after=30 $RUST_LIMIT"
-    cargo test --locked --no-fail-fast --config "target.'cfg(unix)'.runner = '$limited'" 2>&1 | tee "$work/cargo.log"
+    cargo test --locked --features zenoh --no-fail-fast --config "target.'cfg(unix)'.runner = '$limited'" 2>&1 | tee "$work/cargo.log"
     local code=${PIPESTATUS[0]} sums
     awk '/^test .* has been running for over/ { slow[$2] } /^test .* \.\.\. / { delete slow[$2] }
         END { for (name in slow) print "did not end: " name }' "$work/cargo.log"
@@ -234,12 +234,12 @@ export CHROMIUM
 
 say "building"
 if [ -n "${1:-}" ]; then
-    cargo build --locked --bin telltale || die "the program does not build"
+    cargo build --locked --features zenoh --bin telltale || die "the program does not build"
     exec "$TELLTALE_PEER_PYTHON" "tests/browser/$1.py"
 fi
 # The program is built with the tests: by itself it would be compiled, with half of its packages, a second time,
 # because the tests ask for more features of some packages.
-cargo test --locked --no-run || die "the program or its tests do not build"
+cargo test --locked --features zenoh --no-run || die "the program or its tests do not build"
 pack
 scripts
 rust_tests

@@ -26,11 +26,16 @@ def call(server, vendor, name, **argument):
 
 
 def test_nodes_call_every_service_and_read_the_log(tmp_path):
+    nodes_call_every_service(tmp_path, ["cyclone", "fastdds"])
+
+
+def nodes_call_every_service(tmp_path, vendors, flags=()):
+    first, second = vendors
     config = tmp_path / "vehicle.yaml"
     config.write_text(CONFIG)
-    with serving(tmp_path, config=config) as server:
-        log = peer(server.domain, "--durability", "transient_local", "sub", "--topic", "rt/rosout=Log")
-        motor = Writer(server.domain, "rt/diagnostics", "DiagnosticArray", tmp_path / "motor.log")
+    with serving(tmp_path, config=config, flags=flags) as server:
+        log = peer(server.domain, "--dds", first, "--durability", "transient_local", "sub", "--topic", "rt/rosout=Log")
+        motor = Writer(server.domain, "rt/diagnostics", "DiagnosticArray", tmp_path / "motor.log", options=("--dds", first))
 
         def report(level):
             motor.write(statuses=[{"name": "motor", "level": level, "message": "too hot"}])
@@ -49,18 +54,18 @@ def test_nodes_call_every_service_and_read_the_log(tmp_path):
         try:
             line = is_logged("base/motor is ERROR: too hot", 2)
             assert (line["level"], line["name"]) == (40, "telltale.root_cause")
-            assert call(server, "cyclone", "acknowledge", text="base/motor")[0]
-            success, message = call(server, "fastdds", "reset", text="base/motor")
+            assert call(server, first, "acknowledge", text="base/motor")[0]
+            success, message = call(server, second, "reset", text="base/motor")
             assert not success and "base/motor" in message, message
             for _ in range(5):
                 report(0)
-            until(lambda: call(server, "fastdds", "reset", text="base/motor")[0], 30, "a reset")
+            until(lambda: call(server, second, "reset", text="base/motor")[0], 30, "a reset")
             is_logged("base/motor is no root cause any more", 0)
-            success, message = call(server, "fastdds", "mark")
+            success, message = call(server, second, "mark")
             assert success and message.startswith("incident "), message
-            assert call(server, "cyclone", "reload") == (True, "the file means the same as what runs")
+            assert call(server, first, "reload") == (True, "the file means the same as what runs")
             config.write_text(CONFIG.replace("100ms", "perhaps"))
-            success, message = call(server, "fastdds", "reload")
+            success, message = call(server, second, "reload")
             assert not success and "perhaps" in message, message
             refused = is_logged("was read again and refused", 0)
             assert (refused["level"], refused["name"]) == (40, "telltale")

@@ -279,15 +279,15 @@ class Vehicle:
 
     PERIOD_S = 0.1
 
-    def __init__(self, domain, folder):
+    def __init__(self, domain, folder, options=()):
         found = re.findall(r"\bstatus: (?:'([^']+)'|([^\s},]+))", CONFIG.read_text())
         names = [quoted or plain for quoted, plain in found]
         assert len(names) > 20, f"statuses found in {CONFIG}: {names}"
         self.statuses = {name: (0, "fine") for name in names}
         self.active = False
-        self.diagnostics = Writer(domain, "rt/diagnostics", "DiagnosticArray", folder / "diagnostics.log")
-        self.signal = Writer(domain, "rt/mission/active", "Bool", folder / "active.log")
-        self.listener = listener(domain, log=folder / "listener.log")
+        self.diagnostics = Writer(domain, "rt/diagnostics", "DiagnosticArray", folder / "diagnostics.log", options=options)
+        self.signal = Writer(domain, "rt/mission/active", "Bool", folder / "active.log", options=options)
+        self.listener = peer(domain, *options, "sub", "--topic", f"{STOP}=Bool", log=folder / "listener.log")
         self.lock = threading.Lock()
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self.run, daemon=True)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A foreign DDS peer for the tests: Eclipse Cyclone DDS or eProsima Fast DDS in a process of its own,
+"""A foreign peer for the tests: Eclipse Cyclone DDS, eProsima Fast DDS or Eclipse Zenoh in a process of its own,
 on the loopback interface where no other is named, which speaks the ROS 2 wire format (`wire.py`).
 
     peer.py --domain 7 pub                    writes what the JSON lines on standard input say
@@ -294,7 +294,7 @@ def crowd(participant, options):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domain", type=int, required=True)
-    parser.add_argument("--dds", choices=["cyclone", "fastdds"], default="cyclone")
+    parser.add_argument("--dds", choices=["cyclone", "fastdds", "rmw_zenoh"], default="cyclone")
     parser.add_argument("--interface", default="lo", help="of Cyclone; it finds nobody by itself on any but lo")
     parser.add_argument("--lease-s", type=float, default=10.0, help="a peer that was killed is gone after so long")
     parser.add_argument("--announce-s", type=float, default=0.5, help="how often a peer announces itself")

@@ -116,7 +116,7 @@ fn enforced_security_is_refused_and_other_variables_without_effect_are_warned_of
     assert!(text.contains("unset ROS_SECURITY_STRATEGY"), "{text}");
     let unheeded = [
         ("ROS_SECURITY_ENABLE", "true"),
-        ("RMW_IMPLEMENTATION", "rmw_zenoh_cpp"),
+        ("RMW_IMPLEMENTATION", "rmw_email_cpp"),
         ("CYCLONEDDS_URI", "file:///none.xml"),
         ("ROS_DISCOVERY_SERVER", "127.0.0.1:11811"),
     ];

@@ -17,6 +17,8 @@ pub const MESSAGE_BYTES_MAX: usize = 8 << 10;
 
 /// The vendor id of Fast DDS, with which the GUIDs of its participants begin (RTPS 2.5, 9.3.1.5).
 const FAST_DDS: [u8; 2] = [0x01, 0x0f];
+/// In its place for a session of Zenoh, whose requests have no header either. No vendor of DDS has it.
+pub const ZENOH: [u8; 2] = *b"zn";
 
 /// How a client knows the reply to its request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,17 +70,17 @@ impl Request {
     /// Reads the body of a request by this writer. What cannot be read is answered too, so a request always
     /// has a correlation.
     pub fn read(service: Service, body: &[u8], endian: Endian, writer: &Guid) -> Request {
-        let is_fast_dds = writer.starts_with(&FAST_DDS);
+        let has_no_header = writer.starts_with(&FAST_DDS) || writer.starts_with(&ZENOH);
         let header = header(body, endian);
         if !service.has_argument() {
             // An empty request has one byte, and up to three more of padding.
-            let correlation = header.filter(|_| !is_fast_dds).unwrap_or(Correlation::Sample);
+            let correlation = header.filter(|_| !has_no_header).unwrap_or(Correlation::Sample);
             return Request { correlation, argument: Ok(Box::default()) };
         }
-        let of_fast_dds = (Correlation::Sample, text(body, 0, endian));
-        let of_cyclone = header.map(|header| (header, text(body, HEADER_BYTES, endian)));
+        let plain = (Correlation::Sample, text(body, 0, endian));
+        let with_header = header.map(|header| (header, text(body, HEADER_BYTES, endian)));
         let [first, second] =
-            if is_fast_dds { [Some(of_fast_dds), of_cyclone] } else { [of_cyclone, Some(of_fast_dds)] };
+            if has_no_header { [Some(plain), with_header] } else { [with_header, Some(plain)] };
         let mut forms = [first, second].into_iter().flatten().peekable();
         let likely = forms.peek().map_or(Correlation::Sample, |(correlation, _)| *correlation);
         let (correlation, bytes) = forms.find(|(_, bytes)| bytes.is_some()).unwrap_or((likely, None));

@@ -28,10 +28,11 @@ use tokio::time::{Interval, MissedTickBehavior};
 
 pub use discovery::nodes::Nodes;
 pub use options::interfaces::{Address, addresses};
-pub use options::{BridgeOptions, DOMAIN_MAX, DdsProcess, Interface, OptionsError};
+pub use options::{BridgeOptions, DOMAIN_MAX, DdsProcess, Interface, OptionsError, Transport};
 pub use publish::publisher::{PublishError, Publisher};
 pub use telltale_engine::model::monitors::DIAGNOSTICS;
 pub use telltale_msg::subscription::SubscriptionError;
+pub use transport::ZenohRouter;
 pub use transport::process as dds_process;
 pub use transport::quality::Quality;
 
@@ -53,9 +54,9 @@ use telltale_msg::ros_clock::RosClock;
 use telltale_msg::subscription::Plan;
 use transport::Participant;
 
-/// For the log's filter: the library writes a line for each forged packet, so anybody could fill the disk
+/// For the log's filter: each library writes a line for each forged packet, so anybody could fill the disk
 /// with them. The bridge logs the important errors itself.
-pub const LOG_FILTER: &str = "rustdds=off";
+pub const LOG_FILTER: &str = "rustdds=off,zenoh=off";
 
 /// The pause between two attempts to make a participant, and the shortest life of one.
 const RETRY: Duration = Duration::from_secs(1);
@@ -73,6 +74,9 @@ pub enum BridgeError {
     Subscription(#[from] SubscriptionError),
     #[error("DDS cannot be started: {0}")]
     Participant(String),
+    /// It may be there later.
+    #[error("Zenoh cannot be started: {0}")]
+    Router(String),
 }
 
 /// The ROS 2 graph as the bridge knows it.
@@ -115,7 +119,12 @@ pub async fn start(
     clock: Clock,
 ) -> Result<Bridge, BridgeError> {
     let (plan, planned) = watch::channel(Arc::new(Plan::of(model, &options.definitions)?));
-    let participant = Participant::open(&options).await?;
+    let participant = match Participant::open(&options).await {
+        Ok(participant) => Some(participant),
+        // Its router may be started later.
+        Err(BridgeError::Router(_)) => None,
+        Err(error) => return Err(error),
+    };
     let (stop, stopping) = watch::channel(false);
     let (rebuild, rebuilding) = watch::channel(0);
     let definitions = options.definitions.clone();
@@ -220,8 +229,13 @@ impl Bridge {
 }
 
 /// Reads until the bridge is to end. A fault of its own is reported, and it begins again.
-async fn read(mut participant: Participant, context: Arc<BridgeContext>) {
+async fn read(participant: Option<Participant>, context: Arc<BridgeContext>) {
     let mut down = false;
+    let first = match participant {
+        Some(participant) => Some(participant),
+        None => reopen(&context, Duration::ZERO, &mut down).await,
+    };
+    let Some(mut participant) = first else { return };
     loop {
         let running = {
             let context = context.clone();
@@ -310,7 +324,7 @@ async fn reopen(context: &BridgeContext, mut pause: Duration, down: &mut bool) -
         match Participant::open(&context.options).await {
             Ok(participant) => return Some(participant),
             Err(error) if !told => {
-                tracing::error!("no DDS for now, trying again: {error}");
+                tracing::error!("ROS 2 is not heard for now, trying again: {error}");
                 *down |= tell_of_dds(context, Some(&error.to_string())).await;
                 told = true;
             }

@@ -1,11 +1,14 @@
-//! The flags for the DDS network.
+//! The flags for the middleware of ROS 2 and its network.
 
 use super::log;
 use crate::cli::fields::DefinitionFlags;
-use crate::ros::{BridgeOptions, DdsProcess, Interface, OptionsError};
+use crate::ros::{BridgeOptions, DdsProcess, Interface, OptionsError, Transport};
 
 #[derive(Debug, Clone, clap::Args)]
 pub struct DdsFlags {
+    /// The middleware of the vehicle's nodes [default: zenoh if `RMW_IMPLEMENTATION` is `rmw_zenoh_cpp`, else dds]
+    #[arg(long, value_name = "dds|zenoh", value_parser = transport)]
+    pub transport: Option<Transport>,
     /// The DDS domain, 0 to 232 [default: `ROS_DOMAIN_ID`, or 0]
     #[arg(long, value_name = "N")]
     pub domain: Option<u16>,
@@ -31,11 +34,11 @@ impl DdsFlags {
     pub fn resolve(&self) -> Result<BridgeOptions, OptionsError> {
         let env = |name: &str| std::env::var(name).ok();
         let interface = self.interface.as_deref();
-        let options = BridgeOptions::resolve(self.domain, interface, &self.peers, env)?;
+        let options = BridgeOptions::resolve(self.transport, self.domain, interface, &self.peers, env)?;
         for line in &options.unheeded {
             tracing::warn!("{line}");
         }
-        if options.interface != Interface::All {
+        if options.transport == Transport::Dds && options.interface != Interface::All {
             tracing::warn!(
                 "the sockets of DDS are bound to all addresses, though only {} is spoken to: every host that reaches this \
                  machine can send to them. Restrict them with a firewall, or as docs/install.md has it for a service",
@@ -47,9 +50,22 @@ impl DdsFlags {
     }
 }
 
+/// # Errors
+/// It is no middleware.
+pub fn transport(word: &str) -> Result<Transport, String> {
+    match word {
+        "dds" => Ok(Transport::Dds),
+        "zenoh" => Ok(Transport::Zenoh),
+        _ => Err("write dds or zenoh".to_owned()),
+    }
+}
+
 /// For people: `DDS domain 0 on all interfaces`.
 pub fn describe(options: &BridgeOptions) -> String {
     let domain = options.domain;
+    if options.transport == Transport::Zenoh {
+        return format!("Zenoh, ROS domain {domain}");
+    }
     match options.interface {
         Interface::All => format!("DDS domain {domain} on all interfaces"),
         Interface::Loopback => format!("DDS domain {domain} on the loopback interface"),

@@ -23,8 +23,19 @@ pub enum Interface {
     All,
 }
 
+/// The middleware of ROS 2.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Transport {
+    Dds,
+    /// As rmw_zenoh speaks it, through the router that the environment names.
+    Zenoh,
+}
+
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BridgeOptions {
+    pub transport: Transport,
+    /// The Zenoh router, in place of the one that the environment names.
+    pub router: Option<Box<str>>,
     pub domain: u16,
     pub interface: Interface,
     /// The size of a gid in this distribution; if it is unknown, the bridge learns it from others.
@@ -110,6 +121,8 @@ impl BridgeOptions {
     /// Loopback only, for demonstrations and tests.
     pub fn loopback(domain: u16) -> BridgeOptions {
         BridgeOptions {
+            transport: Transport::Dds,
+            router: None,
             dds_process: DdsProcess::Thread,
             domain,
             interface: Interface::Loopback,
@@ -127,6 +140,15 @@ impl BridgeOptions {
         if name.starts_with('/') { name.to_owned() } else { format!("{}/{name}", self.namespace) }
     }
 
+    /// The same over Zenoh: it has no interfaces and no peers, and a gid always has 16 bytes.
+    #[must_use]
+    pub fn over_zenoh(self) -> BridgeOptions {
+        let (transport, interface) = (Transport::Zenoh, Interface::Loopback);
+        BridgeOptions { transport, interface, gid_size: Some(GidSize::Bytes16), peers: Vec::new(), ..self }
+    }
+
+    /// `transport` is that of the flag; without one, `RMW_IMPLEMENTATION` decides between DDS and Zenoh.
+    ///
     /// Flags win over `ROS_DOMAIN_ID`, `ROS_LOCALHOST_ONLY`, `ROS_AUTOMATIC_DISCOVERY_RANGE` and
     /// `ROS_STATIC_PEERS`, which `env` looks up. `interface` is `all`, `loopback`, an IPv4 address or an
     /// interface's name.
@@ -134,6 +156,7 @@ impl BridgeOptions {
     /// # Errors
     /// A value that is out of range, not understood or does not exist, and what to do.
     pub fn resolve(
+        transport: Option<Transport>,
         domain: Option<u16>,
         interface: Option<&str>,
         peers: &[String],
@@ -156,10 +179,13 @@ impl BridgeOptions {
         let gid_size = env("ROS_DISTRO").and_then(|name| GidSize::of_distro(&name));
         let definitions = Definitions::of_environment(Vec::new(), env);
         let namespace = namespace(&env)?;
-        let mut unheeded = environment::unheeded(&env)?;
+        let transport = transport.unwrap_or_else(|| environment::transport(&env));
+        let mut unheeded = environment::unheeded(transport, &env)?;
         let peers = peers_of(peers, interface, &env, &mut unheeded)?;
         let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES, log: "text" };
-        Ok(BridgeOptions {
+        let options = BridgeOptions {
+            transport: Transport::Dds,
+            router: None,
             domain,
             interface,
             gid_size,
@@ -169,7 +195,8 @@ impl BridgeOptions {
             peers,
             unheeded,
             dds_process,
-        })
+        };
+        Ok(if transport == Transport::Zenoh { options.over_zenoh() } else { options })
     }
 }
 
@@ -324,7 +351,7 @@ mod tests {
             env.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
         let look_up =
             move |name: &str| env.iter().find(|(known, _)| known == name).map(|(_, value)| value.clone());
-        BridgeOptions::resolve(domain, interface, &[], look_up).map_err(|error| error.to_string())
+        BridgeOptions::resolve(None, domain, interface, &[], look_up).map_err(|error| error.to_string())
     }
 
     #[test]
@@ -364,7 +391,7 @@ mod tests {
         let resolve = |flags: &[&str], interface: &str, env: &str| {
             let flags: Vec<String> = flags.iter().map(|&flag| flag.to_owned()).collect();
             let look = |name: &str| (name == "ROS_STATIC_PEERS").then(|| env.to_owned());
-            let options = BridgeOptions::resolve(None, Some(interface), &flags, look);
+            let options = BridgeOptions::resolve(None, None, Some(interface), &flags, look);
             options.map(|it| (it.peers.join(" "), it.unheeded.len())).map_err(|error| error.to_string())
         };
         let peers = |list: &str, unheeded| Ok((list.to_owned(), unheeded));

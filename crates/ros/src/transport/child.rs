@@ -17,6 +17,7 @@ use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
 use super::dds;
 use super::wire::{self, Frame, FromChild, Network, Order};
+use super::zenoh;
 
 /// `telltale dds-process PARENT MEGABYTES`, with the socket to its parent as standard input.
 pub fn process(parent: u32, megabytes: u64) -> ExitCode {
@@ -95,6 +96,9 @@ async fn live(socket: UnixStream, alone: bool) -> std::io::Result<()> {
     let ended = match network {
         Network::Dds { domain, interfaces } => {
             dds::child::run(domain, interfaces, first, &mut orders, &mut out).await
+        }
+        Network::Zenoh { domain, router } => {
+            zenoh::child::run(domain, router, first, &mut orders, &mut out).await
         }
     };
     if let Err(reason) = ended {

@@ -1,6 +1,6 @@
-//! The DDS library, in a process of its own: one for each participant.
+//! The way to ROS 2: the library of DDS or of Zenoh, in a process of its own for each participant.
 //!
-//! One forged packet can make the library take all memory or hang for ever. So it runs in a child process of
+//! One forged packet can make such a library take all memory or hang for ever. So it runs in a child process of
 //! the same program (`child`) with a memory limit. `watch` checks it from outside and ends it when it is ill;
 //! then a new participant replaces it. Samples and discovered endpoints come over a socket (`wire`) and are
 //! decoded in the main process.
@@ -15,6 +15,8 @@ mod seen;
 mod told;
 mod watch;
 mod wire;
+#[cfg_attr(not(feature = "zenoh"), path = "without_zenoh.rs")]
+mod zenoh;
 
 use std::collections::BTreeSet;
 use std::os::unix::net::UnixStream as StdStream;
@@ -35,8 +37,9 @@ pub use seen::{Found, Seen};
 use tokio::io::AsyncWriteExt as _;
 pub use watch::Ended;
 use wire::{Frame, Network, Order};
+pub use zenoh::router::ZenohRouter;
 
-use super::options::{self, BridgeOptions};
+use super::options::{self, BridgeOptions, Transport};
 use super::{BridgeError, DdsProcess};
 use dds::announced::Announced;
 use dds::keep;
@@ -120,12 +123,24 @@ impl Participant {
     /// # Errors
     /// The interface does not exist, the process cannot be started, or no socket or port is available.
     pub async fn open(options: &BridgeOptions) -> Result<Participant, BridgeError> {
-        let networks = options::networks(options.interface)?;
+        let (network, announced) = match options.transport {
+            Transport::Dds => {
+                let interfaces = options::networks(options.interface)?;
+                let announced = Announced::on(options.domain, interfaces.as_deref());
+                (Network::Dds { domain: options.domain, interfaces }, announced)
+            }
+            Transport::Zenoh => (
+                Network::Zenoh {
+                    domain: options.domain,
+                    router: options.router.as_deref().map(str::to_owned),
+                },
+                Announced::nobody(),
+            ),
+        };
         let failed = |error: std::io::Error| BridgeError::Participant(error.to_string());
         let (ours, theirs) = StdStream::pair().map_err(failed)?;
         ours.set_nonblocking(true).map_err(failed)?;
         let (reading, mut writing) = UnixStream::from_std(ours).map_err(failed)?.into_split();
-        let announced = Announced::on(options.domain, networks.as_deref());
         let shared = Arc::new(Shared::new(announced));
         let watch = watch::start(options.dds_process, theirs, shared.clone()).map_err(failed)?;
         let (orders, mut given) = mpsc::channel(ORDERS_MAX);
@@ -143,16 +158,20 @@ impl Participant {
                 }
             }
         });
-        let open = Order::Open(Network::Dds { domain: options.domain, interfaces: networks.clone() });
         // The channel is new and empty.
-        let _ = orders.try_send(open);
+        let _ = orders.try_send(Order::Open(network.clone()));
         let opened = tokio::time::timeout(OPENING, opened).await;
         match opened {
             Ok(Ok((guid, id))) => {
                 let next = AtomicU32::new(1);
-                let port = spdp::discovery_port(options.domain, id);
-                let keeper = keep::run(guid, port, networks, shared.clone(), orders.downgrade());
-                let keeper = Mutex::new(Some(tokio::spawn(keeper)));
+                let keeper = match network {
+                    Network::Dds { domain, interfaces } => {
+                        let port = spdp::discovery_port(domain, id);
+                        Some(keep::run(guid, port, interfaces, shared.clone(), orders.downgrade()))
+                    }
+                    Network::Zenoh { .. } => None,
+                };
+                let keeper = Mutex::new(keeper.map(tokio::spawn));
                 let opened = shared.announced.now();
                 let topics_of_ours = Mutex::default();
                 Ok(Participant(Arc::new(Inner {
@@ -167,7 +186,13 @@ impl Participant {
                     keeper,
                 })))
             }
-            Ok(Err(_)) => Err(BridgeError::Participant(shared.ended().await.reason.to_string())),
+            Ok(Err(_)) => {
+                let reason = shared.ended().await.reason.to_string();
+                Err(match options.transport {
+                    Transport::Dds => BridgeError::Participant(reason),
+                    Transport::Zenoh => BridgeError::Router(reason),
+                })
+            }
             Err(_) => Err(BridgeError::Participant(format!("it does not start within {OPENING:?}"))),
         }
     }

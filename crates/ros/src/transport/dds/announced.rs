@@ -84,6 +84,12 @@ impl Announced {
         announced
     }
 
+    /// Hears nobody: for a transport without participants of DDS.
+    pub fn nobody() -> Arc<Announced> {
+        let (table, clock, copies) = (Mutex::default(), Clock::start(), AtomicU64::new(COPIES_FROM));
+        Arc::new(Announced { table, group: None, clock, copies, listening: Vec::new() })
+    }
+
     /// Without a socket nothing is heard here, and everything else works.
     fn open(domain: u16, networks: Option<&[Ipv4Addr]>) -> Arc<Announced> {
         let said = |what: &str, error: io::Error| {

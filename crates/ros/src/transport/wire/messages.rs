@@ -65,6 +65,8 @@ pub enum Order {
 pub enum Network {
     /// On these interfaces, or on all.
     Dds { domain: u16, interfaces: Option<Vec<Ipv4Addr>> },
+    /// At this router, or at the one that the environment names.
+    Zenoh { domain: u16, router: Option<String> },
 }
 
 /// From the DDS process to the program.

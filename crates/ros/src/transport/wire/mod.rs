@@ -114,6 +114,10 @@ impl Frame {
                 self.u32(u32::try_from(interfaces.len()).unwrap_or(u32::MAX));
                 interfaces.iter().for_each(|ip| self.0.extend(ip.octets()));
             }
+            Order::Open(Network::Zenoh { domain, router }) => {
+                self.u8(10).u16(*domain).u8(router.is_some().into());
+                self.bytes(router.as_deref().unwrap_or_default().as_bytes());
+            }
             Order::Reader { id, topic, type_name, via, depth } => {
                 self.u8(1).u32(*id).bytes(topic.as_bytes()).bytes(type_name.as_bytes());
                 self.u8(via_number(*via)).u32(*depth);
@@ -292,7 +296,7 @@ impl<'a> Reading<'a> {
     }
 
     fn order(&mut self) -> Result<Order, InvalidFrame> {
-        Ok(match self.below(10)? {
+        Ok(match self.below(11)? {
             0 => {
                 let (domain, is_some) = (self.u16()?, self.flag()?);
                 let count = self.u32()? as usize;
@@ -324,7 +328,11 @@ impl<'a> Reading<'a> {
             },
             7 => Order::Close,
             8 => Order::Forget { participant: self.array()? },
-            _ => Order::FollowFirst { topic: self.text()? },
+            9 => Order::FollowFirst { topic: self.text()? },
+            _ => {
+                let (domain, is_some, router) = (self.u16()?, self.flag()?, self.text()?);
+                Order::Open(Network::Zenoh { domain, router: is_some.then_some(router) })
+            }
         })
     }
 

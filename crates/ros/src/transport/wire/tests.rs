@@ -11,6 +11,8 @@ fn some_orders() -> Vec<Order> {
     vec![
         Order::Open(Network::Dds { domain: 7, interfaces: Some(vec![Ipv4Addr::LOCALHOST]) }),
         Order::Open(Network::Dds { domain: 232, interfaces: None }),
+        Order::Open(Network::Zenoh { domain: 3, router: None }),
+        Order::Open(Network::Zenoh { domain: 3, router: Some("tcp/127.0.0.1:7447".to_owned()) }),
         Order::Reader {
             id: 1,
             topic: topic.clone(),
