@@ -118,6 +118,8 @@ async fn watch_over(
     legacy: &mut Carryover,
 ) -> End {
     let mut news = participant.news();
+    // What was discovered before now is news, too: on Zenoh nothing may follow it.
+    news.mark_changed();
     let clock = context.clock;
     let mut steps = StepWatch::new(clock.wall(), clock.now());
     let now = interfaces::addresses().unwrap_or_default();
