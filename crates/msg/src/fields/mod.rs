@@ -151,7 +151,7 @@ impl Definitions {
     /// Whether a message may be of megabytes, as images and point clouds are: it holds bytes without a bound, or its
     /// type is not known.
     pub fn may_be_large(&self, type_name: &str) -> bool {
-        Library::new(self).shape(type_name).map_or(true, |shape| shape.holds_bytes())
+        Library::new(self).shape(type_name).map_or(true, |shape| shape.bytes)
     }
 
     /// A reader for a boolean field.

@@ -15,6 +15,8 @@ pub struct Shape {
     bytes_min: u64,
     /// It holds a `wstring`, which implementations of ROS 2 write in different ways.
     pub wide: bool,
+    /// It holds bytes without a bound.
+    pub bytes: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -44,29 +46,16 @@ pub struct Array {
 type Strides = [u64; 8];
 
 impl Shape {
-    /// Whether it holds bytes without a bound.
-    pub fn holds_bytes(&self) -> bool {
-        match &self.kind {
-            ShapeKind::Array(Array { element, fixed: None }) => {
-                matches!(element.kind, ShapeKind::Primitive(Primitive::U8 | Primitive::I8))
-                    || element.holds_bytes()
-            }
-            ShapeKind::Array(Array { element, .. }) => element.holds_bytes(),
-            ShapeKind::Message(message) => message.members.iter().any(|(_, member)| member.holds_bytes()),
-            ShapeKind::Primitive(_) | ShapeKind::Text | ShapeKind::WideText => false,
-        }
-    }
-
     pub fn primitive(primitive: Primitive) -> Shape {
         let bytes = u64::from(primitive.bytes());
         let stride = |offset: u64| offset.next_multiple_of(bytes) + bytes - offset;
         let plain = std::array::from_fn(|offset| stride(offset as u64));
-        Shape { kind: ShapeKind::Primitive(primitive), plain: Some(plain), bytes_min: bytes, wide: false }
+        Shape { kind: ShapeKind::Primitive(primitive), plain: Some(plain), bytes_min: bytes, wide: false, bytes: false }
     }
 
     pub fn text(wide: bool) -> Shape {
         let kind = if wide { ShapeKind::WideText } else { ShapeKind::Text };
-        Shape { kind, plain: None, bytes_min: 4, wide }
+        Shape { kind, plain: None, bytes_min: 4, wide, bytes: false }
     }
 
     /// A message without members has one byte on the wire.
@@ -84,7 +73,8 @@ impl Shape {
         });
         let bytes_min = members().fold(0_u64, |sum, shape| sum.saturating_add(shape.bytes_min));
         let wide = members().any(|shape| shape.wide);
-        Shape { kind: ShapeKind::Message(message), plain, bytes_min, wide }
+        let bytes = members().any(|shape| shape.bytes);
+        Shape { kind: ShapeKind::Message(message), plain, bytes_min, wide, bytes }
     }
 
     pub fn array(element: Arc<Shape>, fixed: Option<u32>) -> Shape {
@@ -96,7 +86,9 @@ impl Shape {
             None => 4,
         };
         let wide = element.wide;
-        Shape { kind: ShapeKind::Array(Array { element, fixed }), plain, bytes_min, wide }
+        let is_byte = matches!(element.kind, ShapeKind::Primitive(Primitive::U8 | Primitive::I8));
+        let bytes = element.bytes || fixed.is_none() && is_byte;
+        Shape { kind: ShapeKind::Array(Array { element, fixed }), plain, bytes_min, wide, bytes }
     }
 
     /// # Errors

@@ -515,3 +515,23 @@ fn what_holds_bytes_without_a_bound_may_be_large() {
         assert!(!definitions.may_be_large(type_name), "{type_name}");
     }
 }
+
+#[test]
+fn types_that_hold_each_other_in_more_ways_than_can_be_walked_take_no_time() {
+    let mut definitions = Definitions::default();
+    let mut whole = "B0 b\nint32 y\n".to_owned();
+    for at in 0..24 {
+        whole.push_str(&format!("{}\nMSG: deep/B{at}\n", "=".repeat(80)));
+        (0..8).for_each(|field| whole.push_str(&format!("B{} f{field}\n", at + 1)));
+    }
+    whole.push_str(&format!("{}\nMSG: deep/B24\nstring s\n", "=".repeat(80)));
+    definitions.give("deep/msg/A", &whole);
+    assert!(!definitions.may_be_large("deep/msg/A"));
+    assert!(definitions.text("deep/msg/A").is_some() && definitions.labels("deep/msg/A", "y").is_empty());
+    let spec = spec("deep/msg/A", true, &[("y", FieldKind::Scalar), ("", FieldKind::Content)]);
+    let (reader, errors) = definitions.reader(&spec).unwrap();
+    assert_eq!(errors.len(), 1, "it has no stamp: {errors:?}");
+    let reading = reader.read(&[0; 4096], Endian::Little);
+    assert!(reading.fault.is_some(), "8^24 texts are not in 4096 bytes");
+    assert!(definitions.event("deep/msg/A").unwrap().check(&[0; 4096], Endian::Little).is_err());
+}
