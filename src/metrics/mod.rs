@@ -25,7 +25,10 @@ impl Collector for Metrics {
     fn encode(&self, encoder: DescriptorEncoder<'_>) -> std::fmt::Result {
         let mut families = Families::new(encoder);
         let published = self.0.published();
-        vehicle::write(&mut families, &published.snapshot)?;
+        // What an engine that hangs showed last is not the state of the vehicle.
+        if self.0.is_source_alive() {
+            vehicle::write(&mut families, &published.snapshot)?;
+        }
         program::write(&mut families, &self.0, &published)
     }
 }

@@ -8,12 +8,13 @@ import signal
 import socket
 import time
 import urllib.error
+import urllib.request
 
 import pytest
 from websockets.sync.client import connect
 
 from hang import FRAMES, STEP, hanging
-from vehicle import OPERATOR, Client, Display, serving, until
+from vehicle import OPERATOR, Client, Display, free_port, peer, serving, until
 
 WATCHDOG_S = 2
 
@@ -116,6 +117,33 @@ def test_the_watchdog_is_not_fed_while_messages_do_not_reach_the_pages(systemd, 
             systemd.is_starved()
         systemd.is_fed(times=2)
     assert why in server.read_log()
+
+
+def test_the_last_state_of_an_engine_that_hangs_is_told_to_no_tool(tmp_path):
+    port = free_port()
+    with serving(tmp_path, flags=("--metrics", f"127.0.0.1:{port}")) as server:
+        topics = ("rt/diagnostics_toplevel_state=DiagnosticStatus", "rt/diagnostics_agg=DiagnosticArray")
+        tools = [peer(server.domain, "sub", "--topic", topic) for topic in topics]
+
+        def silent_s():
+            times = [[line["at_ns"] for line in tool.said("topic")] for tool in tools]
+            return [time.monotonic() - it[-1] / 1e9 if it else None for it in times]
+
+        def shows_state():
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=10) as answer:
+                text = answer.read().decode()
+            assert "telltale_snapshot_age_seconds" in text
+            return "telltale_overall_state{" in text
+
+        is_told = lambda: shows_state() and all(it is not None and it < 2 for it in silent_s())
+        until(is_told, 30, lambda: f"it is told: {silent_s()}")
+        with hanging(server):
+            until(lambda: not shows_state(), 20, "the metrics show no state")
+            # Both have a message a second, else.
+            until(lambda: min(silent_s()) > 4, 20, lambda: f"both topics are silent: {silent_s()}")
+        until(is_told, 20, lambda: f"it is told again: {silent_s()}")
+        for tool in tools:
+            tool.close()
 
 
 def test_a_socket_that_nobody_reads_delays_nothing(systemd, tmp_path):

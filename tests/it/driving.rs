@@ -46,6 +46,14 @@ impl Published {
         let loaded = config::parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
         let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
         let (snapshots, latest) = watch::channel(engine.snapshot());
+        let pulse = snapshots.clone();
+        // As an engine does to which nothing happens: what is old is not published.
+        tokio::spawn(async move {
+            while !pulse.is_closed() {
+                tokio::time::sleep(Duration::from_millis(250)).await;
+                pulse.send_modify(|_| ());
+            }
+        });
         let topics = telltale::cli::running::server::outputs::topics(&loaded.publishing);
         let options = BridgeOptions::loopback(domain.id);
         let (inputs, news) = mpsc::channel(64);

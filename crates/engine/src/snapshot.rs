@@ -19,7 +19,11 @@ use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage
 use super::persistent::PersistentVec;
 use super::state::State;
 use super::text::{Text, words};
-use super::time::{Since, Timestamp};
+use super::time::{Since, Span, Timestamp};
+
+/// An engine that works publishes four times as often. After this time without a new snapshot the last one is old, and is
+/// not told as the vehicle's state.
+pub const SILENT_MAX: Span = Span::from_secs(1);
 
 /// The state of the whole vehicle at one instant.
 #[derive(Debug, Clone, PartialEq)]

@@ -19,7 +19,7 @@ use telltale_engine::input::{Input, OperatorAction, Refusal, Response};
 use telltale_engine::model::{Model, Stage};
 use telltale_engine::restart::preview::Preview;
 use telltale_engine::restart::resume::Restored;
-use telltale_engine::snapshot::{Countermeasure, Snapshot};
+use telltale_engine::snapshot::{Countermeasure, SILENT_MAX, Snapshot};
 use telltale_engine::time::{Span, Timestamp};
 use telltale_engine::view::record::Record;
 pub use telltale_msg::received::Stamped;
@@ -48,7 +48,7 @@ const WORDS_EVERY: Span = Span::from_millis(100);
 
 /// A snapshot is published this often even if nothing changed, so that pages know that the engine lives, and
 /// ages are no older than this.
-pub const PULSE_EVERY: Span = Span::from_millis(250);
+pub const PULSE_EVERY: Span = Span::from_millis(SILENT_MAX.as_millis() / 4);
 
 /// A snapshot as it is shown. Its own times may be those of a recording.
 #[derive(Debug, Clone)]

@@ -9,9 +9,10 @@ use std::time::SystemTime;
 use tokio::sync::watch;
 
 use super::AppState;
+use telltale_engine::snapshot::SILENT_MAX;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_replay::Flows;
-use telltale_runtime::{self as runtime, Link, Published};
+use telltale_runtime::{Link, Published};
 use telltale_store::audit::Record;
 
 /// The running engine, or a recording.
@@ -110,8 +111,6 @@ impl Player {
 
 /// Making a participant takes ten seconds at most; otherwise the bridge turns four times a second.
 const BRIDGE_IDLE_MAX: Span = Span::from_secs(15);
-/// Four pulses of the engine.
-const ENGINE_SILENT_MAX: Span = Span::from_millis(4 * runtime::PULSE_EVERY.as_millis());
 
 impl AppState {
     /// The snapshot that is shown now.
@@ -151,7 +150,7 @@ impl AppState {
         match &self.source {
             Source::Live(link) => {
                 let received = link.snapshots.borrow().received;
-                is_open && self.clock.now().since(received) < ENGINE_SILENT_MAX
+                is_open && self.clock.now().since(received) < SILENT_MAX
             }
             Source::Replay(_) => is_open,
         }

@@ -50,7 +50,13 @@ impl Shape {
         let bytes = u64::from(primitive.bytes());
         let stride = |offset: u64| offset.next_multiple_of(bytes) + bytes - offset;
         let plain = std::array::from_fn(|offset| stride(offset as u64));
-        Shape { kind: ShapeKind::Primitive(primitive), plain: Some(plain), bytes_min: bytes, wide: false, bytes: false }
+        Shape {
+            kind: ShapeKind::Primitive(primitive),
+            plain: Some(plain),
+            bytes_min: bytes,
+            wide: false,
+            bytes: false,
+        }
     }
 
     pub fn text(wide: bool) -> Shape {

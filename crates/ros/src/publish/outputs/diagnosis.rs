@@ -9,9 +9,9 @@ use crate::Publisher;
 use crate::every;
 use crate::outbox::stopped;
 use telltale_engine::model::output::Publication;
-use telltale_engine::snapshot::Snapshot;
+use telltale_engine::snapshot::{SILENT_MAX, Snapshot};
 use telltale_engine::state::State;
-use telltale_engine::time::Span;
+use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::messages::encode_diagnostic_status;
 
 /// Publishes until the end of the participant.
@@ -27,7 +27,7 @@ pub(super) async fn run(
     let mut trees = tree.as_ref().and_then(|it| it.period).map(every);
     let mut tops = top.as_ref().and_then(|it| it.period).map(every);
     let whole = |snapshot: &Snapshot| (snapshot.overall, aggregate::top_level(snapshot, &form));
-    let mut told = Told { at_once: form.at_once, last: None };
+    let mut told = Told { at_once: form.at_once, last: None, heard_at: context.clock.now() };
     loop {
         let due = tokio::select! {
             () = stopped(&mut context.end) => return,
@@ -37,9 +37,13 @@ pub(super) async fn run(
                 if changed.is_err() {
                     return;
                 }
+                told.heard_at = context.clock.now();
                 told.changed(whole(&context.snapshots.tools.borrow_and_update()))
             }
         };
+        if told.is_old(context.clock.now()) {
+            continue;
+        }
         let snapshot = context.snapshots.tools.borrow().clone();
         if let Some(OutputTopic { topic, .. }) = tree.as_ref().filter(|_| due.tree)
             && !others.silence(topic)
@@ -68,9 +72,16 @@ struct Told {
     /// Whether the tree follows at once, where the level gets worse.
     at_once: bool,
     last: Option<(State, Level)>,
+    /// When the last snapshot came.
+    heard_at: Timestamp,
 }
 
 impl Told {
+    /// Of an engine that hangs, readers hear nothing more, as of a program that has ended.
+    fn is_old(&self, now: Timestamp) -> bool {
+        now.since(self.heard_at) >= SILENT_MAX
+    }
+
     fn changed(&mut self, now: (State, Level)) -> Due {
         let last = self.last.replace(now);
         let is_worse = last.is_none_or(|(_, level)| now.1.is_worse_than(level));
@@ -104,7 +115,7 @@ mod tests {
             ((State::Ok, Level::Ok), [false, true]),
         ];
         for at_once in [false, true] {
-            let mut told = Told { at_once, last: None };
+            let mut told = Told { at_once, last: None, heard_at: Timestamp::ZERO };
             for (now, [tree, top]) in changes {
                 assert_eq!(told.changed(now), Due { tree: tree && at_once, top }, "{now:?}");
             }
