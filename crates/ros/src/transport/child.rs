@@ -9,14 +9,12 @@ use std::os::fd::AsFd as _;
 use std::os::unix::net::UnixStream;
 use std::process::ExitCode;
 
-use futures_util::StreamExt as _;
-use tokio::io::AsyncWriteExt as _;
-use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::signal::unix::{SignalKind, signal};
-use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
+use tokio_util::codec::FramedRead;
 
 use super::dds;
-use super::wire::{self, Frame, FromChild, Network, Order};
+use super::parent::{ToParent, next};
+use super::wire::{self, FromChild, Network, Order};
 use super::zenoh;
 
 /// `telltale dds-process PARENT MEGABYTES`, with the socket to its parent as standard input.
@@ -71,14 +69,6 @@ pub fn serve(socket: UnixStream, alone: bool) {
     }
 }
 
-/// Orders, in frames.
-pub type Orders = FramedRead<OwnedReadHalf, LengthDelimitedCodec>;
-
-/// The next orders. `None` if the program is gone or sends nonsense.
-pub async fn next(orders: &mut Orders) -> Option<Vec<Order>> {
-    wire::orders(&orders.next().await?.ok()?.freeze()).ok()
-}
-
 async fn live(socket: UnixStream, alone: bool) -> std::io::Result<()> {
     if alone {
         // The parent decides when to end: a signal to all processes of a service must not end this one
@@ -91,7 +81,7 @@ async fn live(socket: UnixStream, alone: bool) -> std::io::Result<()> {
     let mut orders = FramedRead::new(reading, wire::frames());
     let mut first = next(&mut orders).await.unwrap_or_default().into_iter();
     let Some(Order::Open(network)) = first.next() else { return Ok(()) };
-    let mut out = ToParent { socket: writing, frame: Frame::new(), samples: Frame::new() };
+    let mut out = ToParent::new(writing);
     let first = first.collect();
     let ended = match network {
         Network::Dds { domain, interfaces } => {
@@ -106,23 +96,4 @@ async fn live(socket: UnixStream, alone: bool) -> std::io::Result<()> {
         let _ = out.send().await;
     }
     Ok(())
-}
-
-/// The messages to the parent. Writing waits if the parent does not read.
-pub struct ToParent {
-    socket: OwnedWriteHalf,
-    pub frame: Frame,
-    /// Samples, which follow the description of their writers.
-    pub samples: Frame,
-}
-
-impl ToParent {
-    pub async fn send(&mut self) -> Result<(), String> {
-        for frame in [&mut self.frame, &mut self.samples] {
-            if !frame.is_empty() {
-                self.socket.write_all(&frame.take()).await.map_err(|error| error.to_string())?;
-            }
-        }
-        Ok(())
-    }
 }

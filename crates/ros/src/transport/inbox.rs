@@ -12,12 +12,10 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::codec::FramedRead;
 
 use super::BODY_BYTES_MAX;
-use super::dds::announced::Announced;
 use super::ids::Prefix;
 use super::quality::Via;
-use super::watch::Ended;
 use super::wire::{self, Change, FromChild, Order};
-use super::{ENDPOINTS_MAX, Participant, RawSample, SAMPLE_BYTES, Seen, WINDOW_BYTES};
+use super::{Announced, ENDPOINTS_MAX, Ended, Participant, RawSample, SAMPLE_BYTES, Seen, WINDOW_BYTES};
 use telltale_engine::time::Timestamp;
 use telltale_msg::sample_bytes::Guid;
 

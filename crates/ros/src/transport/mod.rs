@@ -9,6 +9,8 @@ mod child;
 mod dds;
 pub mod ids;
 mod inbox;
+mod memory;
+mod parent;
 pub mod places;
 pub mod quality;
 mod seen;

@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use super::child;
 use super::inbox::Shared;
+use super::memory::resident_megabytes;
 use crate::DdsProcess;
 
 /// The interval of looks.
@@ -165,14 +166,6 @@ impl Runner {
         let Runner::Process(child) = self else { return 0 };
         resident_megabytes(&child.id().to_string())
     }
-}
-
-/// The resident memory of a process, given as in `/proc`.
-pub fn resident_megabytes(process: &str) -> u64 {
-    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
-    let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    let kilobytes = resident.and_then(|rest| rest.trim().strip_suffix(" kB")?.parse::<u64>().ok());
-    kilobytes.unwrap_or(0) >> 10
 }
 
 fn describe(status: ExitStatus) -> String {

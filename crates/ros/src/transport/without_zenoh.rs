@@ -4,7 +4,7 @@
 const WITHOUT: &str = "this program was built without Zenoh: build it with --features zenoh";
 
 pub mod child {
-    use crate::transport::child::{Orders, ToParent};
+    use crate::transport::parent::{Orders, ToParent};
     use crate::transport::wire::Order;
 
     pub async fn run(

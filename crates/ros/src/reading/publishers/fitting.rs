@@ -1,8 +1,8 @@
 //! Which readers fit the writers of a topic.
 
 use super::Writers;
-use crate::transport::quality::Via;
 use crate::reading::readers::Fitting;
+use crate::transport::quality::Via;
 use telltale_engine::time::{Span, Timestamp};
 
 /// A publisher of another quality is expected back for this long after it has gone, such as a restarted

@@ -22,7 +22,7 @@ use super::open_readers::{OpenReader, OpenReaders};
 use super::qos::{self, RawWriter};
 use super::relief::Relief;
 use crate::every;
-use crate::transport::child::{Orders, ToParent, next};
+use crate::transport::parent::{Orders, ToParent, next};
 use crate::transport::wire::{self, FromChild, Order};
 use crate::transport::{BEAT, SampleId, WRITING_MAX};
 use telltale_clock::Clock;

@@ -2,7 +2,7 @@
 
 use rustix::process::{Resource, getrlimit};
 
-use crate::transport::watch::resident_megabytes;
+use crate::transport::memory::resident_megabytes;
 use telltale_engine::time::{Span, Timestamp};
 
 /// The shortest time from one relief to the next.

@@ -11,7 +11,7 @@ use super::heard::{Heard, State};
 use super::names::{Channel, Part};
 use super::session::{self, Work};
 use crate::every;
-use crate::transport::child::{Orders, ToParent, next};
+use crate::transport::parent::{Orders, ToParent, next};
 use crate::transport::told::Told;
 use crate::transport::wire::{FromChild, Order};
 use crate::transport::{BEAT, NODES_TOPIC, ORDERS_MAX, RawSample};
