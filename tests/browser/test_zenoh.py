@@ -77,7 +77,7 @@ def test_a_vehicle_is_diagnosed_and_led_over_zenoh(router, tmp_path):
             vehicle.close()
 
 
-def test_a_router_that_is_late_or_goes_away_is_no_publisher_that_is_gone(router, tmp_path):
+def test_a_router_that_is_late_hangs_or_goes_away_is_no_publisher_that_is_gone(router, tmp_path):
     config = tmp_path / "vehicle.yaml"
     config.write_text(CONFIG)
     with serving(tmp_path, config=config, flags=["--transport", "zenoh"]) as server:
@@ -95,6 +95,11 @@ def test_a_router_that_is_late_or_goes_away_is_no_publisher_that_is_gone(router,
 
             pressed.write(bool=False)
             until(lambda: set(runs().values()) == {"ok"}, 30, lambda: f"all is OK: {runs()}")
+            first.process.send_signal(signal.SIGSTOP)
+            until(lambda: [it["state"] for it in dds()] == ["error"], 20, lambda: f"the router hangs: {dds()}")
+            assert "is announced" not in str(groups(client)), "nothing is concluded from it"
+            first.process.send_signal(signal.SIGCONT)
+            until(lambda: set(runs().values()) == {"ok"}, 30, lambda: f"the router goes on: {runs()}")
             first.process.send_signal(signal.SIGKILL)
             until(lambda: "router" in str(dds()), 20, lambda: f"the router is gone: {dds()}")
             assert "is announced" not in str(groups(client)), "nothing is concluded from it"

@@ -35,6 +35,10 @@ use telltale_msg::sample_bytes::Guid;
 const HASHES_MAX: usize = 8;
 /// How long the state of the graph may take at the start.
 const GRAPH_WITHIN: Duration = Duration::from_secs(5);
+/// No token begins so.
+const NOBODY: &str = "telltale_alive";
+/// A question without an answer is given up long after the session was given up for it.
+const UNANSWERED: Duration = Duration::from_secs(60);
 /// CDR in little endian.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
@@ -95,8 +99,20 @@ struct Session {
     node_of: BTreeMap<Guid, String>,
     readers: BTreeMap<u32, OpenReader>,
     writers: BTreeMap<u32, OpenWriter>,
-    /// What is held until the end: the token by which the session hears itself, and the subscriber to tokens.
-    _held: (LivelinessToken, Box<dyn Any + Send>),
+    /// The subscriber to tokens, which is held until the end.
+    _tokens: Box<dyn Any + Send>,
+}
+
+/// A question to the router. It is dropped when its answer is complete.
+struct Answered {
+    heard: Arc<Heard>,
+    number: u64,
+}
+
+impl Drop for Answered {
+    fn drop(&mut self) {
+        self.heard.with(|state| state.echo = state.echo.max(self.number));
+    }
 }
 
 /// A reader or writer, and the token that tells of it.
@@ -135,7 +151,6 @@ impl Session {
         })?;
         let id = session.zid().to_string();
         heard.state().graph = Graph::new(domain, id.clone());
-        let alive = session.liveliness().declare_token(alive(&id)).wait().map_err(refused)?;
         let on_token = {
             let heard = heard.clone();
             move |sample: Sample| {
@@ -167,22 +182,23 @@ impl Session {
             node_of: BTreeMap::new(),
             readers: BTreeMap::new(),
             writers: BTreeMap::new(),
-            _held: (alive, Box::new(subscriber)),
+            _tokens: Box::new(subscriber),
         })
     }
 
-    /// Asks the router for our own token. It answers while it works.
+    /// Asks the router for tokens that nobody has. It says when it has told all of them, while it works.
     fn beat(&mut self, number: u64) -> Result<(), String> {
         if self.session.info().routers_zid().wait().next().is_none() {
             return Err("the Zenoh router is gone".to_owned());
         }
-        let heard = self.heard.clone();
-        let on_reply = move |reply: Reply| {
-            if reply.result().is_ok() {
-                heard.with(|state| state.echo = state.echo.max(number));
-            }
-        };
-        self.session.liveliness().get(alive(&self.id)).callback(on_reply).wait().map_err(refused)
+        let answered = Answered { heard: self.heard.clone(), number };
+        let nobody = format!("{NOBODY}/{}", self.id);
+        let get = self.session.liveliness().get(nobody).timeout(UNANSWERED);
+        get.callback(move |_: Reply| {
+            let _ = &answered;
+        })
+        .wait()
+        .map_err(refused)
     }
 
     fn obey(&mut self, order: Order) -> Result<(), String> {
@@ -440,11 +456,6 @@ impl OpenWriter {
 
 fn put(publisher: &AdvancedPublisher<'static>, (payload, attached): &(Bytes, Vec<u8>)) -> Result<(), String> {
     publisher.put(payload.as_ref()).attachment(attached.as_slice()).wait().map_err(refused)
-}
-
-/// The token that a session asks the router for.
-fn alive(id: &str) -> String {
-    format!("telltale_alive/{id}")
 }
 
 fn qos(reliable: bool, transient_local: bool, depth: usize) -> Qos {
