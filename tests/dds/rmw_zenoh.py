@@ -41,7 +41,7 @@ def router(endpoint):
 
 
 def named(topic, type_name):
-    """The ROS name and the type of a topic of DDS, and what it is for."""
+    """The ROS name and the type of a topic of DDS, and its prefix."""
     for before, behind, kind in (("rq/", "Request", "_Request_"), ("rr/", "Reply", "_Response_")):
         if topic.startswith(before):
             return topic.removeprefix(before).removesuffix(behind), type_name.removesuffix(kind) + "_", before

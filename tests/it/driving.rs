@@ -47,7 +47,7 @@ impl Published {
         let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
         let (snapshots, latest) = watch::channel(engine.snapshot());
         let pulse = snapshots.clone();
-        // As an engine does to which nothing happens: what is old is not published.
+        // As an idle engine does: an old snapshot is not published.
         tokio::spawn(async move {
             while !pulse.is_closed() {
                 tokio::time::sleep(Duration::from_millis(250)).await;

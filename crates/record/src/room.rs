@@ -148,7 +148,7 @@ impl Part {
             short.notify_one();
         }
         check_free(folder, free)?;
-        // Each new recording may be kept in turn: what is held back ahead bounds them together.
+        // Each new recording may be kept in turn: all of them together stay within the room that is held back ahead.
         let beyond = disk.saturating_add(ahead).saturating_sub(self.others);
         let part = match is_kept_over.load(Ordering::Relaxed) {
             true => left.max(reserved.load(Ordering::Relaxed).min(beyond)),
@@ -228,7 +228,7 @@ mod tests {
         std::fs::remove_file(folder.join("incident-1.mcap")).unwrap();
         room.tidied(false);
         assert_eq!(part.most(folder, 39_000, at(10)).unwrap(), 50_000, "half of all");
-        // Kept recordings leave a tenth to the next one, but all together stay within what is held back ahead.
+        // Kept recordings leave a tenth to the next one, but all together stay within the room that is held back ahead.
         std::fs::write(folder.join("incident-3.mcap"), vec![0; 55_000]).unwrap();
         room.tidied(true);
         assert_eq!(part.most(folder, 0, at(20)).unwrap(), 10_000);

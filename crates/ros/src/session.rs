@@ -118,7 +118,7 @@ async fn watch_over(
     legacy: &mut Carryover,
 ) -> End {
     let mut news = participant.news();
-    // What was discovered before now is news, too: on Zenoh nothing may follow it.
+    // Endpoints that are discovered already are news, too: on Zenoh no other may follow.
     news.mark_changed();
     let clock = context.clock;
     let mut steps = StepWatch::new(clock.wall(), clock.now());

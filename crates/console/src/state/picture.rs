@@ -38,7 +38,7 @@ pub struct Shown {
     pub words: String,
 }
 
-/// What a group shows, and its modules by their whole names: the name of a module begins with that of its group.
+/// The state of a group, and its modules by their whole names: the name of a module begins with that of its group.
 type Group<'a> = (Option<&'a Shown>, Vec<(&'a str, &'a Shown)>);
 
 impl Picture {

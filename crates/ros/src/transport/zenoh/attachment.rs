@@ -1,4 +1,4 @@
-//! What rmw_zenoh attaches to each message: its number, its time, and the id of its publisher.
+//! The attachment of rmw_zenoh to each message: its number, its time, and the id of its publisher.
 
 /// The id of a publisher or client: XXH3-128 of its token, the low half first.
 pub type Gid = [u8; 16];

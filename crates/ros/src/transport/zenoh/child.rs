@@ -133,7 +133,7 @@ impl Child {
         self.give(Work::Beat(self.said))
     }
 
-    /// Passes up what was heard: first of the graph, then messages.
+    /// Passes up the graph and then the messages.
     fn pass_up(&mut self, state: &mut State, out: &mut ToParent) -> Result<(), String> {
         if let Some(reason) = state.broken.take() {
             return Err(reason);

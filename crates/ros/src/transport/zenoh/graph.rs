@@ -211,7 +211,7 @@ fn endpoints(token: &Token) -> impl Iterator<Item = Found> + '_ {
             writes: *writes,
             topic,
             type_name,
-            // What a subscriber asks for stops no message on Zenoh: it asks for nothing.
+            // On Zenoh no quality that a subscriber asks for stops a message: it is told as the weakest.
             reliable: *writes && qos.reliable,
             transient_local: *writes && qos.transient_local,
             deadline_ns: qos.deadline_ns.filter(|_| *writes),

@@ -1,6 +1,6 @@
 //! The hashes of the types that Telltale publishes and serves (REP 2016): others find them by it.
 
-/// What Humble has in place of a hash.
+/// Humble writes this in place of a hash.
 const NONE: &str = "TypeHashNotSupported";
 
 /// By the type as it is on the wire. A type that the configuration names alone has the hash of its subscribers.

@@ -1,4 +1,4 @@
-//! What the callbacks of the Zenoh library have heard, until it is passed up. A callback never waits: of more messages
+//! Messages and tokens from the callbacks of the Zenoh library, until they are passed up. A callback never waits: of more messages
 //! than a reader keeps the oldest are dropped, and their numbers show it.
 
 use std::collections::{BTreeMap, VecDeque};

@@ -132,7 +132,7 @@ impl Qos {
 fn nanos(text: &str) -> Option<u64> {
     let (seconds, nanos) = text.split_once(',')?;
     let (seconds, nanos): (u64, u64) = (seconds.parse().ok()?, nanos.parse().ok()?);
-    // What ROS 2 calls infinite.
+    // The infinite time of ROS 2.
     (seconds < 9_223_372_036).then(|| seconds.saturating_mul(1_000_000_000).saturating_add(nanos))
 }
 

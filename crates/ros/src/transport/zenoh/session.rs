@@ -42,7 +42,7 @@ const UNANSWERED: Duration = Duration::from_secs(60);
 /// CDR in little endian.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
-/// What the session has to do.
+/// A task for the thread of the session.
 pub enum Work {
     Order(Order),
     /// Ask the router whether it is there.
@@ -416,7 +416,7 @@ impl Session {
         Ok(())
     }
 
-    /// Gives late subscribers of other hashes what is kept.
+    /// Publishes the kept messages for late subscribers of other hashes.
     fn write_to_late(&mut self) -> Result<(), String> {
         let message = |writer: &&mut OpenWriter| writer.channel.1 == Part::Message && !writer.kept.is_empty();
         for writer in self.writers.values_mut().filter(message) {
