@@ -241,6 +241,9 @@ impl Shared {
             }
             Change::Left => self.announced.has_left(&participant),
             Change::Lost | Change::Back => {
+                if change == Change::Back {
+                    self.announced.is_heard(&participant);
+                }
                 let loss = Loss { at: self.announced.now(), is_back: change == Change::Back };
                 let mut lost = lock(&self.lost);
                 if lost.len() < PARTICIPANTS_MAX {

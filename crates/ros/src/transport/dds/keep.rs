@@ -135,6 +135,8 @@ enum Judgement {
 fn judge(loss: Loss, life: Life, has_endpoints: bool) -> Judgement {
     let heard_again = |heard: Timestamp| heard > loss.at;
     match life {
+        // A copy of an announcement that was under way while it left. The library loses it once more.
+        Life::Over if loss.is_back => Judgement::Wait,
         _ if loss.is_back => Judgement::Replace("a participant is back that the DDS library had lost"),
         Life::Heard(heard) if heard_again(heard) => {
             Judgement::Replace("a participant lives that the DDS library has lost")
@@ -162,6 +164,8 @@ mod tests {
         assert_eq!(judge(lost, Life::Over, true), Judgement::Over);
         assert!(is_replaced(judge(lost, Life::Unheard, true)), "the library alone hears it");
         assert_eq!(judge(lost, Life::Unheard, false), Judgement::Over);
-        assert!(is_replaced(judge(Loss { is_back: true, ..lost }, Life::Heard(at(4000)), true)));
+        let back = Loss { is_back: true, ..lost };
+        assert!(is_replaced(judge(back, Life::Heard(at(4000)), true)));
+        assert_eq!(judge(back, Life::Over, true), Judgement::Wait, "it has just left");
     }
 }
