@@ -11,6 +11,7 @@ use telltale::record::folder::{file_name, folder_in};
 use telltale::record::found;
 use telltale::record::summary::{Recording, Summary, TriggerLine, kind};
 use telltale::record::writer::hash_file;
+use telltale::store::audit::{Action, Record};
 use telltale::store::{DemoSecrets, Store};
 
 use crate::folder::TestFolder;
@@ -251,6 +252,9 @@ async fn recordings_are_proven_by_the_store_and_by_the_audit_log() {
         code == Some(0) && out.contains("incident 18 never began: ") && out.contains("is empty"),
         "{out}"
     );
+    // A moment is marked in the one that lasts.
+    let mark = Record::of(Action::Mark, "dora").on("4: crash: at the gate");
+    folder.store.as_ref().unwrap().record(mark, None).await;
     folder.end_server().await;
     // Somebody changes the file and its hash in the store.
     let run = |sql: &str| {
@@ -267,11 +271,15 @@ async fn recordings_are_proven_by_the_store_and_by_the_audit_log() {
     run(&format!("UPDATE incidents SET summary = replace(summary, '{old}', '{hash}'), sha256 = '{hash}'"));
     let (out, _, code) = folder.run(&["verify", "3"]);
     assert!(code == Some(1) && out.contains("the audit log has sha256"), "{out}");
-    // A recording that is gone with its row is named, too; and a pipe is not waited for.
-    run("DELETE FROM incidents WHERE id = 2");
+    // A recording that is gone with its row is named, too, also one that was not finished; and a pipe is not waited for.
+    run("DELETE FROM incidents WHERE id IN (2, 4)");
+    std::fs::remove_file(folder.file(4)).unwrap();
     assert!(Command::new("mkfifo").arg(folder.file(19)).status().unwrap().success());
     let (out, _, code) = folder.run(&["verify"]);
-    assert!(code == Some(1) && out.contains("incident 2: neither the store knows it"), "{out}");
+    for id in [2, 4] {
+        let gone = format!("incident {id}: the audit log names it, but neither the store knows it");
+        assert!(code == Some(1) && out.contains(&gone), "{out}");
+    }
     assert!(out.contains("BAD   incident 19: ") && out.contains("is no file"), "{out}");
     // In the audit log too, but not its chain.
     run(&format!("UPDATE audit SET target = replace(target, '{old}', '{hash}')"));

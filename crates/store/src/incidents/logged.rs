@@ -32,6 +32,8 @@ pub struct IncidentRecords {
     notes: BTreeMap<u64, (String, String)>,
     /// Whether each was kept last.
     kept: BTreeMap<u64, bool>,
+    /// Those in which a moment was marked.
+    marked: BTreeSet<u64>,
 }
 
 /// The records of the audit log on one recording.
@@ -63,6 +65,12 @@ impl Logged {
 }
 
 impl IncidentRecords {
+    /// All incidents that must be there, finished or not.
+    pub fn held(&self) -> impl Iterator<Item = u64> {
+        let named = self.hashes.keys().chain(self.notes.keys()).chain(self.kept.keys()).chain(&self.marked);
+        named.copied().filter(|id| !self.removed.contains(id))
+    }
+
     /// The part of a row that the audit log contradicts.
     pub fn contradiction(&self, row: &StoredIncident) -> Option<&'static str> {
         let id = row.id;
@@ -116,6 +124,8 @@ impl IncidentRecords {
             if let Some(id) = target.split_once(": ").and_then(|(id, _)| id.parse().ok()) {
                 self.notes.insert(id, (target, who));
             }
+        } else if action == Action::Mark.as_str() {
+            self.marked.extend(target.split_once(": ").and_then(|(id, _)| id.parse::<u64>().ok()));
         } else if action == Action::IncidentKept.as_str() {
             let id = target.strip_suffix(NO_LONGER);
             if let Ok(number) = id.unwrap_or(&target).parse() {
@@ -282,15 +292,16 @@ fn records(connection: &Connection, id: Option<u64>) -> Result<IncidentRecords, 
         Action::IncidentRemoved,
         Action::IncidentNote,
         Action::IncidentKept,
+        Action::Mark,
     ];
-    let [recorded, found, removed, note, kept] = actions.map(Action::as_str);
+    let [recorded, found, removed, note, kept, mark] = actions.map(Action::as_str);
     let sql = "SELECT action, target, who FROM audit
-               WHERE action IN (?1, ?2, ?3, ?4, ?5) AND outcome = ?6
-                   AND (?7 IS NULL OR target = ?7 OR target LIKE ?7 || ' %' OR target LIKE ?7 || ': %')
+               WHERE action IN (?1, ?2, ?3, ?4, ?5, ?6) AND outcome = ?7
+                   AND (?8 IS NULL OR target = ?8 OR target LIKE ?8 || ' %' OR target LIKE ?8 || ': %')
                ORDER BY number";
     let mut query = connection.prepare_cached(sql)?;
     let id = id.map(|id| id.to_string());
-    let mut rows = query.query(params![recorded, found, removed, note, kept, DONE, id])?;
+    let mut rows = query.query(params![recorded, found, removed, note, kept, mark, DONE, id])?;
     let mut records = IncidentRecords::default();
     while let Some(row) = rows.next()? {
         let action: String = row.get(0)?;

@@ -112,7 +112,7 @@ fn look(
         if is_all {
             ids.extend(incidents.held()?.iter().map(|it| it.id));
             // What was removed without a record of that has neither a row nor a file.
-            ids.extend(records.hashes.keys().filter(|id| !records.removed.contains(id)));
+            ids.extend(records.held());
         }
         let rows = ids.iter().map(|&id| Ok((id, incidents.stored(id)?)));
         Ok((rows.collect::<Result<Vec<_>, StoreError>>()?, records))
@@ -169,8 +169,10 @@ fn check(
     let (full, path) = (&path, path.display());
     match incident {
         None if is_missing && was_removed => return Found::Removed,
-        None if is_missing && recorded.is_some() => {
-            return Found::Bad(format!("neither the store knows it, nor is {path} there"));
+        None if is_missing && records.held().any(|held| held == id) => {
+            return Found::Bad(format!(
+                "the audit log names it, but neither the store knows it, nor is {path} there"
+            ));
         }
         None if is_missing => return Found::Bad("there is no such incident".to_owned()),
         None if was_removed => {
