@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use rusqlite::Connection;
 use telltale_clock::{Clock, unix_ms, wall_at};
-use telltale_engine::snapshot::Snapshot;
+use telltale_engine::snapshot::{SILENT_MAX, Snapshot};
 use telltale_engine::time::{Span, Timestamp};
 use tokio::sync::{mpsc, oneshot, watch};
 
@@ -202,10 +202,13 @@ impl Vehicle {
         let mut line: Option<Line> = None;
         let mut waiting: Option<Waiting> = None;
         let mut until = None;
+        let mut heard_at = self.clock.now();
         loop {
             let now = self.clock.now();
-            let snapshot = sources.snapshots.borrow_and_update().clone();
-            self.tell(&snapshot, &mut sources, until.is_some(), line.as_ref()).await;
+            let snapshot = sources.snapshots.borrow().clone();
+            // The last snapshot of an engine that hangs is not told: the console sees by its age that it is old.
+            let told = (until.is_some() || now.since(heard_at) < SILENT_MAX).then_some(&*snapshot);
+            self.tell(told, &mut sources, until.is_some(), line.as_ref()).await;
             if waiting.is_none() {
                 if line.is_some() && until.is_none() {
                     self.announce_recording();
@@ -218,14 +221,11 @@ impl Vehicle {
                 }
                 return;
             }
-            let due = self.clock.instant(self.due(
-                until.is_none().then_some(&*snapshot),
-                line.is_some(),
-                waiting.is_some(),
-            ));
+            let told = told.filter(|_| until.is_none());
+            let due = self.clock.instant(self.due(told, line.is_some(), waiting.is_some()));
             tokio::select! {
                 _ = tokio::time::sleep_until(due.into()) => {}
-                Ok(()) = sources.snapshots.changed(), if until.is_none() => {}
+                Ok(()) = sources.snapshots.changed(), if until.is_none() => heard_at = self.clock.now(),
                 Some(content) = sources.news.recv() => {
                     self.hurry = true;
                     self.push(vec![content]);
@@ -260,16 +260,24 @@ impl Vehicle {
     }
 
     /// Puts what changed into the outbox, and tells the head if it is time.
-    async fn tell(&mut self, snapshot: &Snapshot, sources: &mut Sources, ending: bool, line: Option<&Line>) {
+    async fn tell(
+        &mut self,
+        snapshot: Option<&Snapshot>,
+        sources: &mut Sources,
+        ending: bool,
+        line: Option<&Line>,
+    ) {
         let now = self.clock.now();
         let mut news = Vec::new();
-        if now >= self.keyframe_at && !ending {
-            news = self.teller.changes(snapshot);
-            news.retain(|it| !matches!(it, Content::Delta(_)));
-            news.extend(self.teller.keyframe(snapshot));
-            self.keyframe_at = now + KEYFRAME_EVERY;
-        } else if now >= self.changes_at && !ending {
-            news = self.teller.changes(snapshot);
+        if let Some(snapshot) = snapshot.filter(|_| !ending) {
+            if now >= self.keyframe_at {
+                news = self.teller.changes(snapshot);
+                news.retain(|it| !matches!(it, Content::Delta(_)));
+                news.extend(self.teller.keyframe(snapshot));
+                self.keyframe_at = now + KEYFRAME_EVERY;
+            } else if now >= self.changes_at {
+                news = self.teller.changes(snapshot);
+            }
         }
         if !news.is_empty() {
             self.changes_at = now + CHANGES_EVERY;
@@ -286,6 +294,7 @@ impl Vehicle {
         if now < self.live_until && !lines.is_empty() {
             self.publish_live(&requests, &lines).await;
         }
+        let Some(snapshot) = snapshot else { return };
         let (clock, wall) = (self.clock, self.clock.wall());
         let unix = |at| possible_ms(unix_ms(wall_at(wall, clock.now(), at)));
         let head = Head {
@@ -468,10 +477,12 @@ impl Vehicle {
             if self.teller.has_news(snapshot) {
                 due = due.min(self.changes_at);
             }
+            if is_connected {
+                let head = self.head.as_ref();
+                due = due.min(head.map_or(now + CHANGES_EVERY, |(_, at)| *at + HEAD_EVERY));
+            }
         }
         if is_connected {
-            let head = self.head.as_ref();
-            due = due.min(head.map_or(now + CHANGES_EVERY, |(_, at)| *at + HEAD_EVERY));
             if !is_waiting {
                 let sent = self.waiting_since.map_or(due, |since| since + DELTAS_WAIT);
                 let order = self.delivery.order(true, now);

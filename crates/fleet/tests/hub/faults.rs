@@ -49,6 +49,26 @@ async fn on_a_slow_line_that_is_cut_again_and_again_each_message_arrives_once() 
 }
 
 #[tokio::test]
+async fn the_head_of_an_engine_that_hangs_is_not_told_again() {
+    let (hub, proxy, mut vehicle, _data) = behind("hangs", Mode::Open).await;
+    let console = hub.console().await;
+    vehicle.tell(true, 1).await;
+    console.history_with("a", |seen| records(seen) == [1]).await;
+    let told = console.head_when("a", |_, head| head.cause.is_some()).await;
+    vehicle.hang();
+    proxy.is(Mode::Reset);
+    vehicle.contact(|it| matches!(it, Contact::Away { .. })).await;
+    proxy.is(Mode::Open);
+    vehicle.contact(reached).await;
+    // The first thing on a new line is a head, else.
+    tell_many(&vehicle, 2..=2).await;
+    console.history_with("a", |seen| records(seen) == [1, 2]).await;
+    assert_eq!(console.head_when("a", |_, _| true).await, told);
+    vehicle.clock_is(false);
+    console.head_when("a", |at, _| at > told).await;
+}
+
+#[tokio::test]
 async fn a_line_that_swallows_everything_is_given_up_and_nothing_is_lost() {
     let (hub, proxy, mut vehicle, _data) = behind("hole", Mode::Open).await;
     let console = hub.console().await;

@@ -311,11 +311,29 @@ impl Console {
     }
 
     pub async fn head(&self, id: &str) -> Head {
+        self.told_head(id).await.unwrap().1
+    }
+
+    /// When the head was told that is as `is_it` wants it.
+    pub async fn head_when(&self, id: &str, is_it: impl Fn(i64, &Head) -> bool) -> i64 {
+        until("the head", async {
+            loop {
+                match self.told_head(id).await {
+                    Some((at, head)) if is_it(at, &head) => return at,
+                    _ => tokio::time::sleep(LOOK_EVERY).await,
+                }
+            }
+        })
+        .await
+    }
+
+    /// With when it was told; `None` if the hub has none.
+    async fn told_head(&self, id: &str) -> Option<(i64, Head)> {
         let subject = format!("$JS.API.DIRECT.GET.HEAD.tt.1.{id}.head");
-        let found = self.client.request(subject, "".into()).await.unwrap();
+        let found = self.client.request(subject, "".into()).await.ok().filter(|it| it.status.is_none())?;
         let batch = Batch::unpack(&found.payload, &VehicleId::new(id).unwrap()).unwrap();
-        match batch.messages.into_iter().next().map(|message| message.content) {
-            Some(Content::Head(head)) => head,
+        match batch.messages.into_iter().next().map(|message| (message.at, message.content)) {
+            Some((at, Content::Head(head))) => Some((at, head)),
             other => panic!("no head: {other:?}"),
         }
     }

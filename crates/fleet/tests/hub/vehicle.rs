@@ -16,13 +16,23 @@ use telltale_fleet::recordings::Finished;
 use telltale_fleet::vehicle::{self, Fleet, Settings, Sources};
 use tempfile::TempDir;
 use tokio::sync::{mpsc, watch};
+use tokio::task::JoinHandle;
 
 use super::server::Hub;
+
+/// Publishes again and again, as an engine does to which nothing happens.
+async fn pulse(snapshots: watch::Sender<Arc<Snapshot>>) {
+    while !snapshots.is_closed() {
+        tokio::time::sleep(Duration::from_millis(250)).await;
+        snapshots.send_modify(|_| ());
+    }
+}
 
 pub struct Vehicle {
     engine: Engine,
     clock: Clock,
     snapshots: watch::Sender<Arc<Snapshot>>,
+    pulse: JoinHandle<()>,
     _config: watch::Sender<String>,
     pub news: mpsc::Sender<Content>,
     pub wanted: mpsc::Receiver<u64>,
@@ -50,6 +60,7 @@ impl Vehicle {
         let model = Model::new(Parts::empty(id, StageModel::None)).unwrap();
         let mut engine = Engine::new(Arc::new(model), clock.now());
         let (snapshots, shown) = watch::channel(engine.snapshot());
+        let pulse = tokio::spawn(pulse(snapshots.clone()));
         let (config, of_config) = watch::channel("c0ffee".to_owned());
         let (news, more) = mpsc::channel(vehicle::NEWS_MAX);
         let settings = Settings {
@@ -65,7 +76,7 @@ impl Vehicle {
         let sources =
             Sources { snapshots: shown, config: of_config, news: more, finished: to_send, wanted: wants };
         let fleet = vehicle::start(settings, Some(data.path()), sources, clock).unwrap();
-        Vehicle { engine, clock, snapshots, _config: config, news, wanted, finished, fleet }
+        Vehicle { engine, clock, snapshots, pulse, _config: config, news, wanted, finished, fleet }
     }
 
     /// A fault of the clock, which is a WARNING.
@@ -73,6 +84,12 @@ impl Vehicle {
         let clock = wrong.then(|| Text::plain("the clock shows 1970"));
         self.engine.handle(&Input::Upkeep(Upkeep { clock, ..Upkeep::default() }), self.clock.now());
         self.snapshots.send_replace(self.engine.snapshot());
+    }
+
+    /// Nothing more is published until the next change.
+    #[allow(dead_code, reason = "the console's tests do not look at it")]
+    pub fn hang(&self) {
+        self.pulse.abort();
     }
 
     /// All that the engine shows.
