@@ -400,7 +400,8 @@ impl Task {
             }
             Err(problems @ ReloadError::Configuration(_)) => {
                 tracing::error!(
-                    "{file} was read again and refused; the old configuration stays:\n{problems}"
+                    "{file} was read again and refused; the old configuration stays until the end of the program, which \
+                     does not start with this file:\n{problems}"
                 );
             }
             Err(error) => tracing::error!("{file} was not taken: {error}"),
