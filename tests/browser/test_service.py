@@ -13,7 +13,7 @@ import urllib.request
 import pytest
 from websockets.sync.client import connect
 
-from hang import FRAMES, STEP, hanging
+from hang import FRAMES, SENDING, STEP, hanging
 from vehicle import OPERATOR, Client, Display, free_port, peer, serving, until
 
 WATCHDOG_S = 2
@@ -117,6 +117,20 @@ def test_the_watchdog_is_not_fed_while_messages_do_not_reach_the_pages(systemd, 
             systemd.is_starved()
         systemd.is_fed(times=2)
     assert why in server.read_log()
+
+
+def test_a_task_that_sends_nothing_to_the_vehicle_is_shown_and_ends_the_feeding(systemd, tmp_path):
+    says = "the task that sends to the vehicle hangs"
+    with serving(tmp_path) as server:
+        systemd.is_fed(times=2)
+        client = Client(server, *OPERATOR)
+        with hanging(server, SENDING):
+            until(lambda: says in json.dumps(client.snapshot()), 20, "the fault is shown")
+            not_sent = "STATUS=the vehicle is not listened to, or nothing is sent to it"
+            until(lambda: systemd.has(not_sent), 40, lambda: f"the reason is said: {systemd.lines}")
+            systemd.is_starved()
+        until(lambda: says not in json.dumps(client.snapshot()), 20, "the fault is over")
+        systemd.is_fed(times=2)
 
 
 def test_the_last_state_of_an_engine_that_hangs_is_told_to_no_tool(tmp_path):

@@ -121,8 +121,8 @@ pub struct Settings {
     pub history: Option<History>,
     /// The participants and topics that DDS discovery knows; `None` without DDS.
     pub discovery: Option<watch::Receiver<Arc<Discovery>>>,
-    /// When the bridge to DDS last did its work; `None` without DDS.
-    pub working: Option<watch::Receiver<Timestamp>>,
+    /// When the task that listens to the vehicle last did its work, and the one that sends to it; none without DDS.
+    pub working: Vec<watch::Receiver<Timestamp>>,
     /// The folder of the recordings.
     pub recordings: Option<PathBuf>,
     /// Reads the configurations of what-ifs; `None` where nothing is run.

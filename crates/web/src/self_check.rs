@@ -25,7 +25,7 @@ const IDLE_MAX: Span = Span::from_secs(5);
 pub enum Stuck {
     #[error("the engine publishes nothing")]
     Engine,
-    #[error("the vehicle is not listened to: the DDS bridge hangs or has ended")]
+    #[error("the vehicle is not listened to, or nothing is sent to it: the bridge hangs or has ended")]
     Bridge,
     #[error("no page can be made")]
     Frames,

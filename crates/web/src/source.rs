@@ -156,13 +156,13 @@ impl AppState {
         }
     }
 
-    /// Whether the bridge to DDS does its work, be DDS well or ill. An ill one is replaced and said; a bridge that has
-    /// ended or hangs can say nothing itself.
+    /// Whether the bridge to DDS does its work in both directions, be DDS well or ill. An ill one is replaced and said;
+    /// a bridge that has ended or hangs can say nothing itself.
     pub fn is_bridge_working(&self) -> bool {
         let works = |working: &watch::Receiver<Timestamp>| {
             self.clock.now().since(*working.borrow()) < BRIDGE_IDLE_MAX
         };
-        self.settings.working.as_ref().is_none_or(works)
+        self.settings.working.iter().all(works)
     }
 
     /// Records a refused request, which anybody can cause. A replay records nothing.

@@ -228,7 +228,7 @@ impl Fixture {
 
     /// With a bridge to DDS that did its work at this time.
     pub fn bridged(mut self, working: watch::Receiver<Timestamp>) -> Fixture {
-        self.set(|settings| settings.working = Some(working));
+        self.set(|settings| settings.working = vec![working]);
         self
     }
 

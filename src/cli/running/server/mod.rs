@@ -145,7 +145,7 @@ impl Server {
             written: Some(parts.written.subscribe()),
             history: history.clone(),
             discovery: Some(parts.bridge.discovery()),
-            working: Some(parts.bridge.working()),
+            working: vec![parts.bridge.working(), parts.outputs.working()],
             recordings: Some(incidents),
             what_if: Some(what_if::examiner(self.options.definitions.clone())),
             learner: Some(learn::learner(self.options.definitions.clone())),

@@ -14,6 +14,7 @@ mod send_failures;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use futures_util::future::join_all;
@@ -31,7 +32,7 @@ use telltale_clock::Clock;
 use telltale_engine::model::output::{LogLevel, Output, Publication, TreeForm};
 use telltale_engine::model::sample::Pose;
 use telltale_engine::snapshot::{MapPose, Snapshot};
-use telltale_engine::time::Span;
+use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::messages::encode::{self, Header, Motion};
 use telltale_msg::messages::{BOOL, DIAGNOSTIC_ARRAY, GidSize};
 use telltale_msg::received::Stamped;
@@ -41,6 +42,9 @@ const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
 /// How often the participant is checked; the addresses are compared at every fourth look.
 const LOOK: Duration = Duration::from_millis(250);
 const RETRY: Duration = Duration::from_secs(1);
+/// After so many looks with a new snapshot that the sending task did not take, it hangs. A turn of it takes one
+/// second at most.
+const HANGS_AFTER: u32 = 8;
 /// The default interval at which a request to decelerate is repeated.
 const REPEAT: Span = Span::from_millis(50);
 
@@ -80,6 +84,7 @@ pub struct OutputTopic {
 pub struct Outputs {
     stop: watch::Sender<bool>,
     topics: watch::Sender<Arc<[OutputTopic]>>,
+    working: watch::Receiver<Timestamp>,
     task: JoinHandle<()>,
 }
 
@@ -98,6 +103,7 @@ struct LastingState {
     inputs: mpsc::Sender<Stamped>,
     graph: Graph,
     clock: Clock,
+    works: Arc<watch::Sender<Timestamp>>,
 }
 
 /// State shared by all tasks.
@@ -107,6 +113,10 @@ struct OutputContext {
     snapshots: Snapshots,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
+    /// When the task that sends to the vehicle last took a snapshot.
+    works: Arc<watch::Sender<Timestamp>>,
+    /// The engine was told that this task hangs.
+    hangs: Arc<AtomicBool>,
     /// The end of this participant's life.
     end: watch::Receiver<bool>,
 }
@@ -131,12 +141,18 @@ pub async fn start(
         Err(error) => return Err(error),
     };
     let (stop, stopping) = watch::channel(false);
-    let around = LastingState { snapshots, inputs, graph, clock };
+    let (works, working) = watch::channel(clock.now());
+    let around = LastingState { snapshots, inputs, graph, clock, works: Arc::new(works) };
     let task = tokio::spawn(run(options, wanted, around, stopping, publisher));
-    Ok(Outputs { stop, topics, task })
+    Ok(Outputs { stop, topics, working, task })
 }
 
 impl Outputs {
+    /// When the task that sends to the vehicle last did its work, be DDS well or ill.
+    pub fn working(&self) -> watch::Receiver<Timestamp> {
+        self.working.clone()
+    }
+
     /// Publishes on other topics from now on.
     pub fn follow(&self, topics: Vec<OutputTopic>) {
         self.topics.send_if_modified(|known| {
@@ -179,7 +195,7 @@ async fn run(
     mut stop: watch::Receiver<bool>,
     mut next: Option<Publisher>,
 ) {
-    let LastingState { snapshots, inputs, graph, clock } = around;
+    let LastingState { snapshots, inputs, graph, clock, works } = around;
     let node = format!("{}_outputs", options.node);
     let mut levels = Levels::new(REPEAT, &snapshots.vehicle.borrow());
     let mut refused = false;
@@ -196,8 +212,11 @@ async fn run(
             snapshots: snapshots.clone(),
             inputs: inputs.clone(),
             clock,
+            works: works.clone(),
+            hangs: Arc::default(),
             end: ending,
         };
+        works.send_replace(opened_at);
         match opened {
             Ok(publisher) => {
                 if std::mem::take(&mut refused) {
@@ -225,8 +244,8 @@ async fn run(
                 if let Some(topic) = rosout.cloned() {
                     tasks.spawn(rosout::run(publisher.clone(), topic, context.clone()));
                 }
-                tasks.spawn(diagnosis::run(publisher.clone(), others, context));
-                look_after(&publisher, &options, &mut wanted, &mut stop).await;
+                tasks.spawn(diagnosis::run(publisher.clone(), others, context.clone()));
+                look_after(&publisher, &options, &mut wanted, &mut stop, context).await;
                 // The receivers live in the tasks; without tasks there is nothing to end.
                 let _ = ends.send(true);
                 levels = control.await.unwrap_or_else(|_| Levels::new(REPEAT, &snapshots.vehicle.borrow()));
@@ -265,7 +284,9 @@ async fn look_after(
     options: &BridgeOptions,
     wanted: &mut watch::Receiver<Arc<[OutputTopic]>>,
     stop: &mut watch::Receiver<bool>,
+    mut context: OutputContext,
 ) {
+    let (mut worked, mut untaken) = (*context.works.borrow(), 0);
     let now = interfaces::addresses().unwrap_or_default();
     let mut addresses = AddressWatch::new(options.interface, &now);
     let mut looks = every(LOOK);
@@ -280,6 +301,15 @@ async fn look_after(
             }
             _ = looks.tick() => {
                 look += 1;
+                let works = *context.works.borrow();
+                let is_new = context.snapshots.vehicle.has_changed().is_ok_and(|is_new| is_new);
+                context.snapshots.vehicle.mark_unchanged();
+                untaken = if works == worked { untaken + u32::from(is_new) } else { 0 };
+                worked = works;
+                if untaken >= HANGS_AFTER && !context.hangs.swap(true, Ordering::Relaxed) {
+                    tracing::error!("nothing is sent to the vehicle: the task that sends hangs");
+                    tell_all(&context, Some("the task that sends to the vehicle hangs"));
+                }
                 // An error while listing the interfaces says nothing about them.
                 if look.is_multiple_of(4) && interfaces::addresses().is_ok_and(|now| addresses.look(&now)) {
                     tracing::warn!("the DDS participant that publishes is replaced: the addresses have changed");
@@ -297,6 +327,12 @@ async fn control(publisher: Arc<Publisher>, mut context: OutputContext, mut leve
         levels.every = period;
     }
     loop {
+        context.works.send_replace(context.clock.now());
+        if context.hangs.swap(false, Ordering::Relaxed) {
+            tracing::info!("the task that sends to the vehicle goes on");
+            tell_all(&context, None);
+            speech.failed.clear();
+        }
         let snapshot = context.snapshots.vehicle.borrow_and_update().clone();
         // Side by side, in this order: a topic that is held back delays no other one.
         let due = levels.due(&snapshot, context.clock.now());
