@@ -69,7 +69,7 @@ pub use http::origins::{NoOrigin, Origins};
 use incidents::WhatIfs;
 pub use incidents::{Examiner, Marker, Marking, NotMarked, RecordingState};
 pub use live::frame::{snapshot_schema, stream_schema};
-pub use router::{BODY_BYTES_MAX, Route, openapi, router, routes};
+pub use router::{BODY_BYTES_MAX, Route, TEXT_BYTES_MAX, openapi, router, routes};
 pub use self_check::{SelfCheck, Stuck};
 pub use serve::accept::{serve, serve_router};
 pub use serve::tls::{CertificateValidity, RENEW_BEFORE, Tls, TlsError};
@@ -83,12 +83,14 @@ pub mod common {
     pub use crate::api::query::{Asked, Moment};
     pub use crate::api::table::{Format, Table};
     pub use crate::auth::login::{DEVICE_LIFE, set_cookie};
+    pub use crate::developer::incidents::what_if::{Row as JudgedRow, sent as sent_configuration};
     pub use crate::http::guard::{
         SignedIn, admitted, bearer, device_cookie_name, has_own_origin, one_session,
     };
     pub use crate::http::headers::secure as secure_headers;
     pub use crate::http::plain_errors::in_words;
-    pub use crate::http::respond::{FormOf, Reader, Speaks, cookie, json_answer, refusal};
+    pub use crate::http::readers::lower_priority;
+    pub use crate::http::respond::{FormOf, Reader, Speaks, bad_field, cookie, json_answer, refusal};
     pub use crate::incidents::{sent_recording, wall_time};
     pub use crate::pages::{asset, healthz, not_found, wrong_method};
     pub use crate::replays::asked_ms;

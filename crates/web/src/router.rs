@@ -36,7 +36,7 @@ use telltale_store::Role::{Authority, Developer, Operator};
 /// The largest body of a request.
 pub const BODY_BYTES_MAX: usize = 16 * 1024;
 /// The largest body of a form with a configuration: its letters may be written as three each.
-const TEXT_BYTES_MAX: usize = 1024 * 1024;
+pub const TEXT_BYTES_MAX: usize = 1024 * 1024;
 /// The time for a whole request with its body. Sockets have none.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 

@@ -35,7 +35,10 @@ pub use json::{Listed, Marked, Whole, listed, time as wall_time, whole};
 pub(crate) use mark::mark_moment;
 pub use mark::{MarkForm, Marker, Marking, NotMarked, mark};
 pub use reading::{Read, read, story};
-pub use what_if::{Compared, Examiner, Progress, Run as WhatIf, Trouble, WhatIfs};
+pub use telltale_replay::compare::{Comparison, Mistake};
+pub use what_if::{
+    Compared, Examiner, Progress, RUN_WITHIN, Run as WhatIf, Stop, Trouble, WhatIfs, runnable, texts_in,
+};
 pub(crate) use what_if::{start as start_what_if, texts as recorded_texts};
 
 /// The recorder, whether its recordings can be written, and how many are kept.

@@ -29,12 +29,32 @@ const INCIDENTS_MAX: u32 = 50;
 /// A larger recording is not run.
 const RECORDING_BYTES_MAX: u64 = 256 << 20;
 /// All recordings of a run must be done within this time.
-const RUN_WITHIN: Span = Span::from_secs(120);
+pub const RUN_WITHIN: Span = Span::from_secs(120);
 /// Mistakes that are told.
 const MISTAKES_MAX: usize = 50;
 
 /// Reads the texts of a configuration for a recording: what is to be judged by it, or what is wrong.
 pub struct Examiner(pub Box<Examine>);
+
+impl Examiner {
+    /// What a recording is to be judged by, and what that means otherwise than the configuration in the recording.
+    ///
+    /// # Errors
+    /// The configuration is wrong, or the recording cannot be read.
+    pub fn examined(
+        &self,
+        texts: &[ConfigurationText],
+        path: &Path,
+    ) -> Result<(Candidate, Vec<String>), Stop> {
+        let recording = Recording::open(path).map_err(Stop::of)?;
+        let candidate = (self.0)(texts, &recording).map_err(|mut mistakes| {
+            mistakes.truncate(MISTAKES_MAX);
+            Stop::Mistakes(mistakes)
+        })?;
+        let differences = candidate.differences(recording.facts()).map_err(Stop::of)?;
+        Ok((candidate, differences))
+    }
+}
 
 type Examine = dyn Fn(&[ConfigurationText], &Recording) -> Result<Candidate, Vec<Mistake>> + Send + Sync;
 
@@ -276,15 +296,8 @@ impl Run {
     fn one(&self, app: &AppState, summary: &Summary, until: Timestamp) -> Result<Comparison, Stop> {
         let folder = app.settings.recordings.as_deref().ok_or(Trouble::Missing)?;
         let path = recording(folder, summary)?;
-        let recording = Recording::open(&path).map_err(Stop::of)?;
-        let Some(Examiner(examine)) = &app.settings.what_if else {
-            return Err(Trouble::Missing.into());
-        };
-        let candidate = examine(&self.texts, &recording).map_err(|mut mistakes| {
-            mistakes.truncate(MISTAKES_MAX);
-            Stop::Mistakes(mistakes)
-        })?;
-        let differences = candidate.differences(recording.facts()).map_err(Stop::of)?;
+        let examiner = app.settings.what_if.as_ref().ok_or(Trouble::Missing)?;
+        let (candidate, differences) = examiner.examined(&self.texts, &path)?;
         if summary.id == self.incident {
             self.state().differences = differences;
         }
@@ -294,13 +307,14 @@ impl Run {
 }
 
 /// Why a comparison ends early.
-enum Stop {
+#[derive(Debug)]
+pub enum Stop {
     Mistakes(Vec<Mistake>),
     Trouble(Trouble),
 }
 
 impl Stop {
-    fn of(error: ReplayError) -> Stop {
+    pub fn of(error: ReplayError) -> Stop {
         Stop::Trouble(match error {
             ReplayError::Stopped => Trouble::Late,
             error => Trouble::Bad(error.to_string()),
@@ -316,9 +330,17 @@ impl From<Trouble> for Stop {
 
 /// The file of an incident, if it can be run.
 fn recording(folder: &Path, summary: &Summary) -> Result<PathBuf, Trouble> {
-    match folder::file_in(folder, &summary.recording.file) {
+    runnable(folder, &summary.recording.file, summary.recording.bytes)
+}
+
+/// The path of a recording of so many bytes, if it can be run.
+///
+/// # Errors
+/// It is not there, or too large.
+pub fn runnable(folder: &Path, file: &str, bytes: u64) -> Result<PathBuf, Trouble> {
+    match folder::file_in(folder, file) {
         None => Err(Trouble::Missing),
-        Some(_) if summary.recording.bytes > RECORDING_BYTES_MAX => Err(Trouble::TooLarge),
+        Some(_) if bytes > RECORDING_BYTES_MAX => Err(Trouble::TooLarge),
         Some(path) => Ok(path),
     }
 }
@@ -327,6 +349,11 @@ fn recording(folder: &Path, summary: &Summary) -> Result<PathBuf, Trouble> {
 pub async fn texts(app: &AppState, summary: &Summary) -> Vec<ConfigurationText> {
     let Some(folder) = app.settings.recordings.clone() else { return Vec::new() };
     let Ok(path) = recording(&folder, summary) else { return Vec::new() };
+    texts_in(path).await
+}
+
+/// The same of the recording at a path.
+pub async fn texts_in(path: PathBuf) -> Vec<ConfigurationText> {
     let read =
         task::spawn_blocking(move || Recording::open(&path).map(|it| it.facts().configuration.to_vec()));
     read.await.ok().and_then(Result::ok).unwrap_or_default()

@@ -11,11 +11,12 @@ use axum::response::{Html, IntoResponse, Redirect, Response};
 use serde_json::json;
 
 use self::by_click::{NodeChanges, by_click};
-use self::shown::{Row, Strips};
+use self::shown::Strips;
+pub use self::shown::{First, Row};
 use crate::developer::configuration::reread;
 use crate::developer::request::PageRequest;
 use crate::developer::{DevFrame, Page, frame};
-use crate::http::respond::{FormOf, Speaks, bad_field, json_answer};
+use crate::http::respond::{FormOf, Reader, Speaks, bad_field, json_answer};
 use crate::incidents::{Progress, WhatIf, find, recorded_texts, start_what_if};
 use crate::texts::{HttpError, IncidentWords, MESSAGE, NAME, clean};
 use crate::view::page::frame::PageFrame;
@@ -119,11 +120,10 @@ pub async fn post(
     FormOf(fields): FormOf<Vec<(String, String)>>,
 ) -> Result<Response, HttpError> {
     let reader = &page.reader;
-    let Some(texts) = sent(&fields) else { return Ok(bad_field(reader, "name, text")) };
-    let bytes: usize = texts.iter().map(|it| it.name.len() + it.text.len()).sum();
-    if bytes > TEXT_BYTES_MAX {
-        return Err(HttpError::LargeConfiguration);
-    }
+    let texts = match sent(reader, &fields) {
+        Ok(texts) => texts,
+        Err(refusal) => return Ok(refusal),
+    };
     let is_all = fields.iter().any(|(name, value)| name == "over" && value == "all");
     let incident = available(&app, &id).await?;
     start_what_if(&app, &incident, &page.session, texts, is_all).await?;
@@ -154,15 +154,24 @@ fn proposed(app: &AppState) -> Vec<ConfigurationText> {
     last.as_ref().and_then(|it| it.patched()).map(|it| it.texts.clone()).unwrap_or_default()
 }
 
-/// The files of a form; `None` if there are none, or too many.
-fn sent(fields: &[(String, String)]) -> Option<Vec<ConfigurationText>> {
+/// The files of a form, the main one first.
+///
+/// # Errors
+/// The refusal: there are none, too many, or too large ones.
+#[allow(clippy::result_large_err, reason = "it is sent as it is")]
+pub fn sent(reader: &Reader, fields: &[(String, String)]) -> Result<Vec<ConfigurationText>, Response> {
     let of = |key: &'static str| fields.iter().filter(move |(name, _)| name == key).map(|(_, value)| value);
     // Browsers send line ends of two characters.
     let texts: Vec<ConfigurationText> = of("name")
         .zip(of("text"))
         .map(|(name, text)| ConfigurationText { name: name.clone(), text: text.replace("\r\n", "\n") })
         .collect();
-    (1..=FILES_MAX).contains(&texts.len()).then_some(texts)
+    let bytes: usize = texts.iter().map(|it| it.name.len() + it.text.len()).sum();
+    match texts.len() {
+        1..=FILES_MAX if bytes <= TEXT_BYTES_MAX => Ok(texts),
+        1..=FILES_MAX => Err(HttpError::LargeConfiguration.into_response()),
+        _ => Err(bad_field(reader, "name, text")),
+    }
 }
 
 fn what_if(
@@ -212,7 +221,7 @@ fn what_if(
     let chosen = compared.iter().find(|it| it.incident == of);
     let rows_of_incidents: Vec<Row> = compared.iter().map(|it| Row::of(lang, it, of, id)).collect();
     let first = rows_of_incidents.iter().find(|row| row.id == id).and_then(|row| row.first.as_ref());
-    let moment = first.and_then(|first| first.replay.split_once('?')).map(|(_, at)| format!("?{at}"));
+    let moment = first.map(|first| format!("?at={}", first.at_ms));
     WhatIfHtml {
         frame: frame(&page.context),
         causes: incident.summary.causes().iter().take(3).map(|name| clean(name, 2 * NAME)).collect(),

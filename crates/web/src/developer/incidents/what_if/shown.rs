@@ -3,6 +3,8 @@
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use crate::developer::incidents::sentences::stage_word;
 use crate::developer::timeline::strips::Painter;
 use crate::developer::timeline::{Tick, ticks};
@@ -24,6 +26,7 @@ const NODES: usize = 30;
 const NAMED: usize = 12;
 
 /// One incident of the table.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Row {
     pub id: u64,
     /// The address of the page with its strips; `None` for the chosen one.
@@ -37,8 +40,10 @@ pub struct Row {
     pub alarms_new: String,
 }
 
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct First {
-    pub replay: String,
+    /// Its wall time, in milliseconds since 1970.
+    pub at_ms: i64,
     pub after: String,
     pub clock: String,
     pub what: String,
@@ -47,6 +52,7 @@ pub struct First {
 }
 
 /// A number of both sides.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Cell {
     pub was: String,
     pub is: String,
@@ -79,7 +85,7 @@ impl Row {
                 address,
                 differs: comparison.differs(),
                 trouble: None,
-                first: comparison.first.as_ref().map(|first| first_of(lang, id, comparison, first)),
+                first: comparison.first.as_ref().map(|first| first_of(lang, comparison, first)),
                 cells: cells(&comparison.recorded, &comparison.new),
                 alarms_gone: names(lang, &comparison.alarms_gone),
                 alarms_new: names(lang, &comparison.alarms_new),
@@ -117,7 +123,7 @@ fn names(lang: Lang, all: &[Arc<str>]) -> String {
     named.join(", ")
 }
 
-fn first_of(lang: Lang, id: u64, comparison: &Comparison, Parting { at, of }: &Parting) -> First {
+fn first_of(lang: Lang, comparison: &Comparison, Parting { at, of }: &Parting) -> First {
     let it = IncidentWords::of(lang);
     let ms = ms(comparison, *at);
     let listed =
@@ -135,7 +141,7 @@ fn first_of(lang: Lang, id: u64, comparison: &Comparison, Parting { at, of }: &P
     };
     let wall = crate::incidents::wall_time(ms);
     First {
-        replay: format!("/replay/{id}?at={ms}"),
+        at_ms: ms,
         after: format!("{:.3} s", seconds(comparison.facts.from, *at)),
         clock: wall.get(11..23).unwrap_or_default().to_owned(),
         what,
