@@ -16,7 +16,7 @@
   const locale = lang === "en" ? "en-GB" : lang;
   const part = () => document.querySelector("[data-part]");
   const log = () => document.querySelector("[data-log]");
-  const list = () => document.getElementById("vehicles");
+  const list = () => document.getElementById("vehicles") ?? document.createElement("ol");
   let fingerAt = -Infinity;
   let fingers = false;
   let logAt = 0;
@@ -81,6 +81,8 @@
   };
 
   const go = async () => {
+    // What is over does not change any more.
+    if (!part()) return;
     try {
       await renew();
       delete body.dataset.dead;

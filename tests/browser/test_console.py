@@ -120,7 +120,7 @@ def test_a_wrong_password_is_said(demo, page, trouble):
 def test_no_route_acts(demo, client):
     paths = ["/", "/overview", f"/vehicles/{IN_FAULT}", f"/vehicles/{IN_FAULT}/state", f"/vehicles/{IN_FAULT}/log", "/api/v1/vehicles", f"/api/v1/vehicles/{IN_FAULT}/snapshot", f"/api/v1/vehicles/{IN_FAULT}/history"]
     paths += [f"/api/v1/vehicles/{IN_FAULT}/log", f"/api/v1/vehicles/{IN_FAULT}/incidents", "/api/v1/groups", "/api/v1/openapi.json"]
-    paths += ["/api/v1/incidents", "/healthz", "/readyz"]
+    paths += ["/incidents", "/api/v1/incidents", "/api/v1/what-ifs", "/healthz", "/readyz"]
     expected = [(method, path, 405) for path in paths for method in ("POST", "PUT", "PATCH", "DELETE")]
     expected += [(method, "/vehicle/stop", 404) for method in ("GET", "POST", "PUT")]
     for method, path, status in expected:
@@ -141,7 +141,7 @@ def test_the_pages_fit_and_are_accessible(demo, client, chromium, trouble, lang,
     page.goto(demo.url + "/login")
     assert not violations(page)
     enter(page, demo, *CONTROL)
-    pages = [("/", f"#v-{IN_FAULT}"), (f"/vehicles/{IN_FAULT}", ".tile"), ("/?q=robot", f"#v-{SWITCHED_OFF}")]
+    pages = [("/", f"#v-{IN_FAULT}"), (f"/vehicles/{IN_FAULT}", ".tile"), ("/?q=robot", f"#v-{SWITCHED_OFF}"), ("/incidents", ".incident-groups li")]
     for path, there in [*pages, (then(client), ".replay-sign")]:
         page.goto(demo.url + path)
         for width, height in SIZES:

@@ -21,18 +21,18 @@ use crate::program::{run, said};
 mod nats_server;
 
 /// Nothing here takes longer, even on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(30);
-const LOOK_EVERY: Duration = Duration::from_millis(50);
+pub const PATIENCE: Duration = Duration::from_secs(30);
+pub const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// A hub with an enrolled vehicle `a`, and another one, `b`, that tells nothing.
-struct Hub {
+pub struct Hub {
     folder: TempDir,
     url: String,
     process: Child,
 }
 
 impl Hub {
-    async fn start() -> Hub {
+    pub async fn start() -> Hub {
         let folder = TempDir::new().unwrap();
         // Nobody else takes a port that was free a moment ago.
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
@@ -65,16 +65,16 @@ impl Hub {
         hub
     }
 
-    fn file(&self, name: &str) -> PathBuf {
+    pub fn file(&self, name: &str) -> PathBuf {
         self.folder.path().join("hub").join(name)
     }
 
-    fn address(&self) -> line::Hub {
+    pub fn address(&self) -> line::Hub {
         line::Hub { url: self.url.clone(), ca: self.file("hub.pem") }
     }
 
     /// Lets the vehicle `a` tell these batches.
-    async fn tell(&self, batches: &[Vec<Message>]) {
+    pub async fn tell(&self, batches: &[Vec<Message>]) {
         let (id, key) = (VehicleId::new("a").unwrap(), Identity::read(&self.file("a.nk")).unwrap());
         let line = Line::open(&self.address(), &id, &key).await.unwrap();
         let mut last = 0;
@@ -115,7 +115,7 @@ impl Drop for Hub {
 const EPOCH: Epoch = Epoch { start: 7, nonce: 9 };
 
 /// Message `n` of a drive that begins now: one each minute.
-fn message(began_ms: i64, n: u64, content: Content) -> Message {
+pub fn message(began_ms: i64, n: u64, content: Content) -> Message {
     Message { epoch: EPOCH, n, at: began_ms + n as i64 * 60_000, content }
 }
 

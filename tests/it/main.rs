@@ -39,6 +39,7 @@ mod fields;
 mod first_configuration;
 mod fleet;
 mod fleet_export;
+mod fleet_what_if;
 mod folder;
 mod freeze_frames;
 mod goals;

@@ -8,3 +8,4 @@ pub mod kept;
 pub mod past;
 pub mod recordings;
 pub mod state;
+pub mod what_ifs;

@@ -12,7 +12,8 @@ use tokio::sync::watch;
 use tokio::time::timeout_at;
 
 use super::server::metrics::{MetricsFlags, MetricsListener};
-use super::server::{self, CLOSED_WITHIN, RECORDED_WITHIN};
+use super::server::{self, CLOSED_WITHIN, RECORDED_WITHIN, what_if};
+use crate::cli::fields::DefinitionFlags;
 use crate::cli::process::hub_flags::HubFlags;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
 use crate::cli::process::{data_folder, log};
@@ -25,7 +26,7 @@ use crate::fleet::line::Hub;
 use crate::metrics;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{DemoSecrets, Store, exposed};
-use crate::web::{Tls, serve_router};
+use crate::web::{Examiner, Tls, serve_router};
 
 /// Run the console of a fleet: all vehicles that tell the hub, the worst first
 ///
@@ -57,6 +58,8 @@ pub struct Args {
     insecure_http: bool,
     #[command(flatten)]
     metrics: MetricsFlags,
+    #[command(flatten)]
+    definitions: DefinitionFlags,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -90,7 +93,9 @@ async fn serve(args: &Args) -> anyhow::Result<ExitCode> {
     let kept = kept::Store::open(&args.data, clock)?;
     let origins = args.origins.clone();
     let data = args.data.clone();
-    let running = Running { hub, identity, store, kept, data, listener, tls, origins, metrics, clock };
+    let examiner = what_if::examiner(args.definitions.definitions());
+    let running =
+        Running { hub, identity, store, kept, examiner, data, listener, tls, origins, metrics, clock };
     running.run(&mut signal).await?;
     Ok(ExitCode::SUCCESS)
 }
@@ -102,6 +107,8 @@ pub struct Running {
     /// Users, sessions and the audit log.
     pub store: Store,
     pub kept: kept::Store,
+    /// Reads the configurations of what-ifs.
+    pub examiner: Examiner,
     /// The data folder.
     pub data: PathBuf,
     pub listener: TcpListener,
@@ -118,7 +125,8 @@ impl Running {
     /// # Errors
     /// An origin is none, or what was kept cannot be read.
     pub async fn run(self, signal: &mut ShutdownSignal) -> anyhow::Result<Instant> {
-        let Running { hub, identity, store, kept, data, listener, tls, origins, metrics, clock } = self;
+        let Running { hub, identity, store, kept, examiner, data, listener, tls, origins, metrics, clock } =
+            self;
         let shared = Shared::new(kept.fleet()?, clock);
         let address = listener.local_addr().context("the listener has no address")?;
         let origins = server::known_origins(address, tls.is_some(), &origins)?;
@@ -132,6 +140,7 @@ impl Running {
         let metrics = metrics.map(|it| it.serve(Arc::new(move || metrics::console::text(&written))));
         tracing::info!("the console is at {}", server::url(address, tls.is_some()));
         let console = Console::new(shared, store.clone(), &data, origins, tls.is_some());
+        let console = console.with_what_ifs(&data, examiner);
         let requested = serve_router(listener, tls, router(console), clock, signal.requested()).await;
 
         following.abort();

@@ -246,19 +246,19 @@ pub struct IncidentsAsked {
     /// What the groups have in common: `cause` without it.
     #[serde(default, deserialize_with = "group")]
     #[schemars(schema_with = "group_words")]
-    group: Option<GroupBy>,
+    pub group: GroupBy,
     format: Option<Format>,
 }
 
-fn group_words(_: &mut SchemaGenerator) -> Schema {
+pub fn group_words(_: &mut SchemaGenerator) -> Schema {
     words::of(GroupBy::ALL.map(GroupBy::as_str))
 }
 
-fn group<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<GroupBy>, D::Error> {
+pub fn group<'de, D: Deserializer<'de>>(deserializer: D) -> Result<GroupBy, D::Error> {
     let word = String::deserialize(deserializer)?;
     let words = GroupBy::ALL.map(GroupBy::as_str).join(", ");
     let unknown = || serde::de::Error::custom(format_args!("group is one of {words}"));
-    GroupBy::from_word(&word).map(Some).ok_or_else(unknown)
+    GroupBy::from_word(&word).ok_or_else(unknown)
 }
 
 /// `GET /api/v1/incidents?group&format`: the groups, the largest first; by their first causes if nothing is asked for.
@@ -269,8 +269,8 @@ pub async fn incidents(
     headers: HeaderMap,
 ) -> Response {
     let rows = console.shared.fleet().incidents();
-    let groups = grouped(rows, asked.group.unwrap_or(GroupBy::Cause));
-    let columns = &["group", "count", "vehicles", "versions", "first", "last"];
+    let groups = grouped(rows, asked.group);
+    let columns = &["group", "count", "vehicles", "versions", "first", "last", "fetched"];
     let table = Table { name: "incidents", columns, rows: &groups, next: None };
     table.answer(Format::of(asked.format, &headers), &groups)
 }
@@ -278,7 +278,7 @@ pub async fn incidents(
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TableAsked {
-    format: Option<Format>,
+    pub format: Option<Format>,
 }
 
 /// An incident of one vehicle.
@@ -306,7 +306,7 @@ pub async fn incidents_of(
     let fleet = console.shared.fleet();
     let vehicle = fleet.vehicle(&id).ok_or(HttpError::NotFound)?;
     let own = |(number, it): (&u64, &Incident)| OwnIncident {
-        incident: incident_row(&id, it),
+        incident: incident_row(&id, it, vehicle.recordings.get(number)),
         bytes: it.bytes,
         sha256: it.sha256.clone(),
         recording: told(vehicle.recordings.get(number).map(|it| &it.step), Lang::default()).0,

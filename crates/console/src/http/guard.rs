@@ -50,5 +50,8 @@ pub async fn guard(State(console): State<Console>, request: Request, next: Next)
 /// The addresses that take a post. All others refuse it.
 fn is_form(request: &Request) -> bool {
     let path = request.uri().path();
-    matches!(path, "/login" | "/logout") || path.starts_with("/vehicles/") && path.ends_with("/fetch")
+    let ends = |begin, end| path.starts_with(begin) && path.ends_with(end);
+    matches!(path, "/login" | "/logout" | "/incidents/what-if")
+        || ends("/vehicles/", "/fetch")
+        || ends("/what-ifs/", "/cancel")
 }

@@ -1,10 +1,11 @@
-//! The console's pages and API. Every route but login, logout and the wish for a recording is for reading, and none acts
-//! on a vehicle.
+//! The console's pages and API. Every route but login, logout, the wish for a recording and what-ifs is for reading, and none
+//! acts on a vehicle.
 
 mod answers;
 mod grouped;
 mod guard;
 mod history;
+mod incidents;
 mod log;
 mod login;
 mod operations;
@@ -14,6 +15,7 @@ mod row;
 #[cfg(test)]
 mod tests;
 mod vehicle;
+mod what_ifs;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -29,7 +31,7 @@ use telltale_web::common::{
     Home, Throttle, asset, healthz, in_words, not_found, secure_headers, wrong_method,
 };
 use telltale_web::describe::Description;
-use telltale_web::{BODY_BYTES_MAX, Origins};
+use telltale_web::{BODY_BYTES_MAX, Examiner, Origins, TEXT_BYTES_MAX};
 use tokio::sync::Semaphore;
 use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::timeout::TimeoutLayer;
@@ -40,6 +42,7 @@ pub use operations::document as openapi;
 use crate::follow::Shared;
 use crate::state::Row;
 use crate::state::search::Search;
+use crate::what_ifs::WhatIfs;
 
 /// The time for a whole request.
 const REQUEST_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(10);
@@ -59,6 +62,8 @@ pub struct Console {
     throttle: Arc<Mutex<Throttle>>,
     /// Permits to read a history.
     histories: Arc<Semaphore>,
+    /// `None` where no configuration can be read.
+    what_ifs: Option<Arc<WhatIfs>>,
 }
 
 impl Console {
@@ -83,7 +88,13 @@ impl Console {
             secure,
             throttle: Arc::default(),
             histories,
+            what_ifs: None,
         }
+    }
+
+    /// With what-ifs, which it keeps in its data folder.
+    pub fn with_what_ifs(self, data: &Path, examiner: Examiner) -> Console {
+        Console { what_ifs: Some(WhatIfs::open(data, self.clock, examiner)), ..self }
     }
 }
 
@@ -93,16 +104,22 @@ struct Route {
     answer: MethodRouter<Console>,
     /// For programs; `None` for pages.
     told: Option<op::Told>,
+    body_bytes_max: usize,
 }
 
 impl Route {
+    /// With a body that holds a configuration.
+    fn with_text(self) -> Route {
+        Route { body_bytes_max: TEXT_BYTES_MAX, ..self }
+    }
+
     fn told(self, told: op::Told) -> Route {
         Route { told: Some(told), ..self }
     }
 }
 
 fn on(path: &'static str, answer: MethodRouter<Console>) -> Route {
-    Route { path, answer, told: None }
+    Route { path, answer, told: None, body_bytes_max: BODY_BYTES_MAX }
 }
 
 /// All routes.
@@ -115,6 +132,13 @@ fn routes() -> Vec<Route> {
         on("/vehicles/{id}/log", get(log::log)),
         on("/vehicles/{id}/incidents/{number}/fetch", post(recordings::fetch)).told(op::FETCH),
         on("/vehicles/{id}/incidents/{number}/recording", get(recordings::download)).told(op::RECORDING),
+        on("/incidents", get(incidents::page)),
+        on("/incidents/what-if", get(what_ifs::form).post(what_ifs::start))
+            .with_text()
+            .told(op::WHAT_IF_START),
+        on("/what-ifs/{number}", get(what_ifs::page)),
+        on("/what-ifs/{number}/state", get(what_ifs::state)),
+        on("/what-ifs/{number}/cancel", post(what_ifs::cancel)).told(op::WHAT_IF_CANCEL),
         on("/login", get(login::page).post(login::login)),
         on("/logout", post(login::logout)),
         on("/api/v1/vehicles", get(answers::vehicles)).told(op::VEHICLES),
@@ -124,6 +148,8 @@ fn routes() -> Vec<Route> {
         on("/api/v1/vehicles/{id}/incidents", get(answers::incidents_of)).told(op::INCIDENTS_OF_VEHICLE),
         on("/api/v1/groups", get(grouped::get)).told(op::GROUPS),
         on("/api/v1/incidents", get(answers::incidents)).told(op::INCIDENTS),
+        on("/api/v1/what-ifs", get(what_ifs::all)).told(op::WHAT_IFS),
+        on("/api/v1/what-ifs/{number}", get(what_ifs::one)).told(op::WHAT_IF),
         on("/api/v1/openapi.json", get(op::openapi)).told(op::DOCUMENT),
         on("/healthz", get(healthz)).told(op::HEALTHZ),
         on("/readyz", get(answers::readyz)).told(op::READYZ),
@@ -134,15 +160,18 @@ fn routes() -> Vec<Route> {
 /// The service of all routes.
 pub fn router(console: Console) -> Router {
     let secure = console.secure;
-    let with = |router: Router<Console>, route: Route| router.route(route.path, route.answer);
-    routes()
-        .into_iter()
-        .fold(Router::new(), with)
-        .method_not_allowed_fallback(wrong_method)
-        .fallback(not_found)
-        .layer(DefaultBodyLimit::max(BODY_BYTES_MAX))
-        .layer(from_fn_with_state(console.clone(), guard::guard))
-        .layer(RequestBodyLimitLayer::new(BODY_BYTES_MAX))
+    let (with_text, plain): (Vec<Route>, Vec<Route>) =
+        routes().into_iter().partition(|route| route.body_bytes_max == TEXT_BYTES_MAX);
+    let of = |routes: Vec<Route>| {
+        routes.into_iter().fold(Router::new(), |router, it| router.route(it.path, it.answer))
+    };
+    let guarded = |router: Router<Console>, bytes: usize| {
+        let router = router.method_not_allowed_fallback(wrong_method).layer(DefaultBodyLimit::max(bytes));
+        let router = router.layer(from_fn_with_state(console.clone(), guard::guard));
+        router.layer(RequestBodyLimitLayer::new(bytes))
+    };
+    guarded(of(plain).fallback(not_found), BODY_BYTES_MAX)
+        .merge(guarded(of(with_text), TEXT_BYTES_MAX))
         .layer(TimeoutLayer::with_status_code(StatusCode::REQUEST_TIMEOUT, REQUEST_TIMEOUT))
         .layer(from_fn(in_words))
         .layer(Extension(Home::Fleet))

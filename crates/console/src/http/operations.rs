@@ -14,6 +14,7 @@ use super::grouped::CauseGroup;
 use super::history::{HistoryAnswer, HistoryAsked};
 use super::log::LineHtml;
 use super::routes;
+use super::what_ifs::{Answer, Line, StartForm};
 use crate::state::Row;
 use crate::state::incidents::Group;
 
@@ -188,6 +189,82 @@ pub const RECORDING: Told = (
         answer: Content::Mcap,
         refusals: &[(404, "It is not here."), (503, "The audit log takes no record, so nothing is sent.")],
         ..OF_INCIDENT
+    },
+);
+
+const WHAT_IF_NUMBER: (&str, &str, &str) = ("number", "The number of a what-if.", "3");
+
+pub const WHAT_IFS: Told = (
+    Method::GET,
+    EACH,
+    &Operation {
+        id: "what_ifs",
+        tag: Tag::Incidents,
+        summary: "The what-ifs over groups of incidents",
+        about: "Those that are kept, the newest first.",
+        query: Some(of::<TableAsked>),
+        answer: Content::Table(of::<Vec<Line>>),
+        refusals: &[BAD_QUERY],
+        example: "?format=csv",
+        ..Operation::PLAIN
+    },
+);
+
+pub const WHAT_IF: Told = (
+    Method::GET,
+    EACH,
+    &Operation {
+        id: "what_if",
+        tag: Tag::Incidents,
+        summary: "What came out of a what-if so far",
+        about: "A CSV has its rows alone: one for each recording that was judged.",
+        in_path: &[WHAT_IF_NUMBER],
+        query: Some(of::<TableAsked>),
+        answer: Content::Table(of::<Answer>),
+        refusals: &[BAD_QUERY, (404, "It is not, or no longer, kept.")],
+        example: "?format=csv",
+        ..Operation::PLAIN
+    },
+);
+
+pub const WHAT_IF_START: Told = (
+    Method::POST,
+    Access::Roles(&[Role::Engineer]),
+    &Operation {
+        id: "what_if_start",
+        tag: Tag::Incidents,
+        summary: "Judge the fetched recordings of a group by another configuration",
+        about: "In the background, one after the other. The answer has its `number`. No vehicle takes notice of it.",
+        form: Some(of::<StartForm>),
+        answer: Content::Begun,
+        refusals: &[
+            (404, "There is no such group."),
+            (409, "No recording of the group is here."),
+            (413, "The configuration is larger than 256 KiB."),
+            (422, "A field lacks or is wrong."),
+            (429, "The last one of this user is not over, or too many wait."),
+            (503, "The audit log takes no record, so nothing was started."),
+        ],
+        example: "group=cause&of=sensors/lidar&name=vehicle.yaml&text=groups:",
+        ..Operation::PLAIN
+    },
+);
+
+pub const WHAT_IF_CANCEL: Told = (
+    Method::POST,
+    Access::Roles(&[Role::Engineer]),
+    &Operation {
+        id: "what_if_cancel",
+        tag: Tag::Incidents,
+        summary: "End a what-if before its end",
+        about: "What came out so far stays.",
+        in_path: &[WHAT_IF_NUMBER],
+        answer: Content::Begun,
+        refusals: &[
+            (404, "It is not, or no longer, kept."),
+            (503, "The audit log takes no record, so it goes on."),
+        ],
+        ..Operation::PLAIN
     },
 );
 

@@ -3,11 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use schemars::JsonSchema;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use telltale_fleet::message::{Incident, VehicleId, possible_ms};
 use telltale_web::describe::words;
 use telltale_web::texts::{ID, VALUE, clean};
 
+use super::recordings::{Step, Transfer};
 use super::time;
 
 /// Incidents of one vehicle that are kept; beyond it the oldest go.
@@ -18,8 +19,10 @@ const CAUSES_MAX: usize = 16;
 
 telltale_engine::words! {
     /// What incidents are grouped by.
-    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
     pub enum GroupBy {
+        #[default]
         Cause = "cause",
         Version = "version",
         Config = "config",
@@ -44,6 +47,20 @@ pub struct IncidentRow {
     pub config: String,
     #[serde(skip)]
     since_ms: i64,
+    /// Its recording is here.
+    #[serde(skip)]
+    pub is_fetched: bool,
+}
+
+impl GroupBy {
+    /// The group of an incident.
+    pub fn key(self, row: &IncidentRow) -> &str {
+        match self {
+            GroupBy::Cause => row.causes.first().map_or("", String::as_str),
+            GroupBy::Version => &row.version,
+            GroupBy::Config => &row.config,
+        }
+    }
 }
 
 /// Incidents with something in common.
@@ -53,6 +70,8 @@ pub struct Group {
     /// The common cause, version or hash of the configuration.
     pub group: String,
     pub count: usize,
+    /// Those with a recording at this console.
+    pub fetched: usize,
     pub vehicles: BTreeSet<String>,
     pub versions: BTreeSet<String>,
     /// When the first and the last of them began.
@@ -79,7 +98,7 @@ pub fn cleaned(incident: &Incident) -> Incident {
     }
 }
 
-pub fn row(id: &VehicleId, incident: &Incident) -> IncidentRow {
+pub fn row(id: &VehicleId, incident: &Incident, transfer: Option<&Transfer>) -> IncidentRow {
     IncidentRow {
         vehicle: id.to_string(),
         number: incident.number,
@@ -91,6 +110,7 @@ pub fn row(id: &VehicleId, incident: &Incident) -> IncidentRow {
         version: incident.version.clone(),
         config: incident.config.clone(),
         since_ms: incident.since,
+        is_fetched: transfer.is_some_and(|it| matches!(it.step, Step::Here(_))),
     }
 }
 
@@ -98,24 +118,25 @@ pub fn row(id: &VehicleId, incident: &Incident) -> IncidentRow {
 pub fn grouped(rows: Vec<IncidentRow>, by: GroupBy) -> Vec<Group> {
     let mut groups: BTreeMap<String, Vec<IncidentRow>> = BTreeMap::new();
     for row in rows {
-        let key = match by {
-            GroupBy::Cause => row.causes.first().cloned().unwrap_or_default(),
-            GroupBy::Version => row.version.clone(),
-            GroupBy::Config => row.config.clone(),
-        };
-        groups.entry(key).or_default().push(row);
+        groups.entry(by.key(&row).to_owned()).or_default().push(row);
     }
     let mut groups: Vec<Group> = groups.into_iter().map(|(key, rows)| group(key, rows)).collect();
     groups.sort_by(|a, b| (b.count, &a.group).cmp(&(a.count, &b.group)));
     groups
 }
 
-fn group(group: String, mut rows: Vec<IncidentRow>) -> Group {
+/// Sorts them, the newest first.
+pub fn sort(rows: &mut [IncidentRow]) {
     rows.sort_by(|a, b| (b.since_ms, &a.vehicle, a.number).cmp(&(a.since_ms, &b.vehicle, b.number)));
+}
+
+fn group(group: String, mut rows: Vec<IncidentRow>) -> Group {
+    sort(&mut rows);
     let since = |row: Option<&IncidentRow>| row.map(|it| it.since.clone()).unwrap_or_default();
     Group {
         group,
         count: rows.len(),
+        fetched: rows.iter().filter(|it| it.is_fetched).count(),
         vehicles: rows.iter().map(|it| it.vehicle.clone()).collect(),
         versions: rows.iter().map(|it| it.version.clone()).collect(),
         first: since(rows.last()),

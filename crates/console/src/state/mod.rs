@@ -364,7 +364,8 @@ impl Fleet {
 
     pub fn incidents(&self) -> Vec<IncidentRow> {
         let of = |vehicle: &Vehicle| -> Vec<IncidentRow> {
-            vehicle.incidents.values().map(|it| incidents::row(&vehicle.id, it)).collect()
+            let row = |(number, it)| incidents::row(&vehicle.id, it, vehicle.recordings.get(number));
+            vehicle.incidents.iter().map(row).collect()
         };
         self.vehicles.values().flat_map(of).collect()
     }

@@ -62,6 +62,8 @@ actions! {
     RecordingAsked: "recording asked for", "A fleet's console asked a vehicle for the recording of an incident.";
     RecordingStored: "recording stored", "A fleet's console stored a recording that it fetched; with its hash.";
     RecordingExported: "recording exported", "Somebody took a copy of a recording from a fleet's console.";
+    WhatIfStarted: "what-if started", "Somebody had recordings at a fleet's console judged by another configuration; with its hash.";
+    WhatIfCancelled: "what-if cancelled", "Somebody ended that before its end.";
     Omitted: "omitted", "Records that were left out, because there were too many of their kind.";
     Pruned: "pruned", "The oldest records were taken away.";
     HeadMissing: "head missing", "The note of where the chain ended was gone: it may have been cut before this.";

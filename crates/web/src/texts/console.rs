@@ -65,6 +65,24 @@ texts! {
         recording_gone: "It is not here any more.", "Sie ist nicht mehr hier.";
         recording_here: "The recording is here.", "Die Aufzeichnung ist hier.";
 
+        by_version: "By version", "Nach Version";
+        by_config: "By configuration", "Nach Konfiguration";
+        no_incidents_at_all: "No vehicle told of an incident.", "Kein Fahrzeug hat einen Vorfall gemeldet.";
+        no_cause: "without a cause", "ohne Ursache";
+        newest: "newest:", "neuester:";
+        what_if: "What-if", "Was-wäre-wenn";
+        what_ifs: "What-ifs", "Was-wäre-wenn";
+        what_if_about: "All fetched recordings of this group are judged once more, by the configuration below, one after the other. No vehicle takes notice of it. Change the text, or paste another.", "Alle geholten Aufzeichnungen dieser Gruppe werden noch einmal beurteilt, nach der Konfiguration unten, eine nach der anderen. Kein Fahrzeug erfährt davon. Den Text ändern oder einen anderen einfügen.";
+        not_fetched: "Not fetched yet:", "Noch nicht geholt:";
+        none_fetched: "No recording of this group is here. Fetch some at their vehicles first.", "Von dieser Gruppe ist keine Aufzeichnung hier. Zuerst welche bei den Fahrzeugen holen.";
+        cancel: "Cancel", "Abbrechen";
+        cancelled: "It was cancelled.", "Es wurde abgebrochen.";
+        ended: "The console ended before all were judged. Run it again.", "Die Konsole endete, bevor alle beurteilt waren. Noch einmal durchspielen.";
+        run_again: "Change and run again", "Ändern und noch einmal durchspielen";
+        judging: "Judging", "Wird beurteilt";
+        new_configuration: "The new configuration", "Die neue Konfiguration";
+        after_the_beginning: "after the beginning of the recording", "nach Beginn der Aufzeichnung";
+
         log: "Log", "Verlauf";
         last_hour: "1 hour", "1 Stunde";
         last_day: "24 hours", "24 Stunden";
@@ -88,6 +106,38 @@ texts! {
     text so_many_found(count: usize) {
         1 => "One vehicle found.", "Ein Fahrzeug gefunden.";
         _ => "{count} vehicles found.", "{count} Fahrzeuge gefunden.";
+    }
+
+    text so_many_fetched(fetched: usize, count: usize) {
+        0, 1 => "it is not fetched", "er ist nicht geholt";
+        1, 1 => "it is fetched", "er ist geholt";
+        _, _ => "{fetched} of {count} are fetched", "{fetched} von {count} sind geholt";
+    }
+
+    text so_many_not_fetched(missing: usize, count: usize) {
+        0, _ => "All {count} are fetched.", "Alle {count} sind geholt.";
+        1, 1 => "It is not fetched.", "Er ist nicht geholt.";
+        1, _ => "1 of {count} is not fetched.", "1 von {count} ist nicht geholt.";
+        _, _ => "{missing} of {count} are not fetched.", "{missing} von {count} sind nicht geholt.";
+    }
+
+    text newest_judged(chosen: usize, fetched: usize) { "Only the newest {chosen} of {fetched} are judged.", "Nur die neuesten {chosen} von {fetched} werden beurteilt." }
+
+    text judged_so_far(judged: usize, of: usize) { "{judged} of {of} judged.", "{judged} von {of} beurteilt." }
+
+    text so_many_differ(count: usize) {
+        1 => "1 would have been different", "1 wäre anders gewesen";
+        _ => "{count} would have been different", "{count} wären anders gewesen";
+    }
+
+    text so_many_same(count: usize) {
+        1 => "1 without a difference", "1 ohne Unterschied";
+        _ => "{count} without a difference", "{count} ohne Unterschied";
+    }
+
+    text so_many_unread(count: usize) {
+        1 => "1 could not be judged", "1 war nicht zu beurteilen";
+        _ => "{count} could not be judged", "{count} waren nicht zu beurteilen";
     }
 
     text so_many_wait(count: usize) {

@@ -363,6 +363,8 @@ texts! {
         "recording asked for" => "recording asked for", "Aufzeichnung angefordert";
         "recording stored" => "recording stored", "Aufzeichnung abgelegt";
         "recording exported" => "recording exported", "Aufzeichnung heruntergeladen";
+        "what-if started" => "what-if started", "Was-wäre-wenn gestartet";
+        "what-if cancelled" => "what-if cancelled", "Was-wäre-wenn abgebrochen";
         "omitted" => "omitted", "ausgelassen";
         "pruned" => "pruned", "Älteste entfernt";
         "breach acknowledged" => "breach acknowledged", "Bruch zur Kenntnis genommen";

@@ -93,6 +93,12 @@ errors! {
     /// The recording of an incident is still written.
     Unfinished, CONFLICT: "Not finished", "Noch nicht fertig";
         "This incident is still being recorded. Try again in a minute.", "Dieser Vorfall wird noch aufgezeichnet. In einer Minute noch einmal versuchen.";
+    /// No recording of a group of incidents is at the console.
+    NoneFetched, CONFLICT: "Nothing to judge", "Nichts zu beurteilen";
+        "No recording of this group is here. Fetch some at their vehicles first.", "Von dieser Gruppe ist keine Aufzeichnung hier. Zuerst welche bei den Fahrzeugen holen.";
+    /// A user has a what-if that is not over.
+    StillJudging, TOO_MANY_REQUESTS: "Still running", "Läuft noch";
+        "Your last what-if is not over, or too many wait. Wait for its end, or cancel it.", "Ihr letztes Was-wäre-wenn ist noch nicht fertig, oder zu viele warten. Das Ende abwarten oder es abbrechen.";
     /// The file of a recording is gone.
     NoRecording, NOT_FOUND: "No recording", "Keine Aufzeichnung";
         "The file of this recording is gone. `telltale incident verify` says more.", "Die Datei dieser Aufzeichnung ist nicht mehr da. `telltale incident verify` sagt mehr.";

@@ -23,13 +23,14 @@ use super::{Args, load_config};
 use crate::cli::print;
 use crate::cli::process::log;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
-use crate::cli::running::server::{self, reload};
+use crate::cli::running::server::{self, reload, what_if};
 use crate::cli::running::{console, vehicle::machine::Kind};
 use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::console::kept;
 use crate::engine::model::{Model, Parts};
 use crate::fleet::line;
+use crate::msg::fields::Definitions;
 use crate::record::writer::digest;
 use crate::sim::machine::Departure;
 use crate::store::{DEMO_CONSOLE_USERS, DemoSecrets, Role, Store};
@@ -86,6 +87,7 @@ async fn fleet(args: &Args, count: u32) -> anyhow::Result<ExitCode> {
         identity,
         store,
         kept,
+        examiner: what_if::examiner(Definitions::default()),
         data,
         listener,
         tls: None,
