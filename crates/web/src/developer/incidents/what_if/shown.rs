@@ -1,6 +1,7 @@
 //! The result of a what-if, for its page: a row for each incident, and the strips of the nodes that differ, both sides
 //! below one another.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -115,12 +116,20 @@ fn cells(recorded: &Totals, new: &Totals) -> Vec<Cell> {
     ]
 }
 
+/// Each name once, with how often it is there.
 fn names(lang: Lang, all: &[Arc<str>]) -> String {
-    let mut named: Vec<String> = all.iter().take(NAMED).map(|name| clean(name, 2 * NAME)).collect();
-    if all.len() > NAMED {
-        named.push(lang.and_more(all.len() - NAMED));
+    let mut counts = BTreeMap::new();
+    for (place, name) in all.iter().enumerate() {
+        counts.entry(name).or_insert((place, 0_usize)).1 += 1;
     }
-    named.join(", ")
+    let mut counts: Vec<_> = counts.into_iter().map(|(name, (place, count))| (place, name, count)).collect();
+    counts.sort_unstable();
+    let named = counts.iter().take(NAMED).map(|(_, name, count)| match count {
+        1 => clean(name, 2 * NAME),
+        _ => format!("{count} × {}", clean(name, 2 * NAME)),
+    });
+    let more = (counts.len() > NAMED).then(|| lang.and_more(counts.len() - NAMED));
+    named.chain(more).collect::<Vec<_>>().join(", ")
 }
 
 fn first_of(lang: Lang, comparison: &Comparison, Parting { at, of }: &Parting) -> First {
@@ -240,4 +249,15 @@ fn bars(painter: &Painter, comparison: &Comparison, changes: &[(Timestamp, Optio
     };
     let stretches: Vec<Stretch> = changes.iter().zip(ends).filter_map(stretch).collect();
     recorded(&stretches).iter().map(|segment| painter.segment(segment)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_name_is_said_once_with_how_often_it_is_there() {
+        let all = ["b", "a", "b", "b"].map(Arc::from);
+        assert_eq!(names(Lang::En, &all), "3 × b, a");
+    }
 }
