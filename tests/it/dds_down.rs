@@ -135,7 +135,7 @@ fn all_that_came_by_dds_is_unknown_at_once_and_until_it_is_heard_again() {
     assert_eq!(shown(&snapshot, "telltale/dds"), Error);
     for (name, last) in [("fine", "said so"), ("rate", "9 Hz, at least 5 Hz wanted")] {
         let said = says(&snapshot, &format!("parts/{name}"));
-        let why = "nothing received since the connection to the vehicle (DDS) failed";
+        let why = "nothing received since the connection to the vehicle failed";
         assert_eq!(said, format!("{why}; last: {last}"));
     }
     // A silence of everybody is nobody's fault.

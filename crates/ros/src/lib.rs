@@ -223,7 +223,7 @@ impl Bridge {
         // An error means that the bridge has ended by itself: nobody took its inputs.
         let _ = self.stop.send(true);
         if let Err(panic) = self.task.await {
-            tracing::error!("the DDS bridge failed: {panic}");
+            tracing::error!("the bridge to ROS 2 failed: {panic}");
         }
     }
 }
@@ -242,8 +242,8 @@ async fn read(participant: Option<Participant>, context: Arc<BridgeContext>) {
             async move { run(participant, &context, down).await }
         };
         let Err(panic) = tokio::spawn(running).await else { return };
-        tracing::error!("the DDS bridge failed and begins again: {panic}");
-        down = tell_of_dds(&context, Some("the DDS bridge failed and begins again")).await;
+        tracing::error!("the bridge to ROS 2 failed and begins again: {panic}");
+        down = tell_of_dds(&context, Some("the bridge to ROS 2 failed and begins again")).await;
         match reopen(&context, RETRY, &mut down).await {
             Some(next) => participant = next,
             None => return,
@@ -274,10 +274,11 @@ async fn run(mut participant: Participant, context: &BridgeContext, mut down: bo
         let closed = tokio::spawn(participant.close());
         match end {
             End::Rebuild(reason) => {
-                tracing::warn!("the DDS participant is replaced: {reason}");
+                tracing::warn!("the {} participant is replaced: {reason}", context.options.transport);
             }
             End::Lost(reason) => {
-                tracing::error!("the DDS process is ill and is replaced: {reason}");
+                let reason = format!("the {} process is replaced: {reason}", context.options.transport);
+                tracing::error!("{reason}");
                 down |= tell_of_dds(context, Some(&reason)).await;
             }
             End::Stopped | End::NobodyListens => return drop(closed.await),

@@ -19,7 +19,7 @@ pub struct DdsFlags {
     /// A host that multicast does not reach, by address or name; may be repeated [default: `ROS_STATIC_PEERS`]
     #[arg(long = "peer", value_name = "HOST")]
     pub peers: Vec<String>,
-    /// Megabytes that each process of the DDS part may take; one that takes more is ended and replaced
+    /// Megabytes that each process of DDS or Zenoh may take; one that takes more is ended and replaced
     #[arg(long, value_name = "MB", default_value_t = DdsProcess::MEGABYTES, value_parser = clap::value_parser!(u32).range(64..))]
     pub dds_memory: u32,
     #[command(flatten)]

@@ -15,7 +15,7 @@ use crate::cli::process::shutdown_signal::ShutdownSignal;
 use crate::cli::process::{dds, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
-use crate::ros::BridgeOptions;
+use crate::ros::{BridgeOptions, Transport};
 use crate::store::Caller;
 use crate::store::{DemoSecrets, Store, exposed};
 use crate::web::{Enrolled, Network, Origins, Proxies, Tls, VehicleDisplay};
@@ -99,7 +99,7 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     }
     let mut options = args.dds.resolve()?;
     options.definitions = options.definitions.with(&loaded.message_folders);
-    say_whom_dds_believes(&options);
+    say_whom_ros_believes(&options);
     let clock = Clock::start();
     let tls = tls(args)?;
     let enrolled = Enrolled::new(args.displays.clone()).behind(Proxies::new(args.proxies.clone()));
@@ -151,10 +151,14 @@ fn tls(args: &Args) -> anyhow::Result<Option<Tls>> {
     Ok(Some(tls))
 }
 
-/// Logs that DDS is not authenticated (`docs/security.md`): nobody should have to find that out.
-fn say_whom_dds_believes(options: &BridgeOptions) {
+/// Logs that ROS 2 is not authenticated (`docs/security.md`): nobody should have to find that out.
+fn say_whom_ros_believes(options: &BridgeOptions) {
+    let network = match options.transport {
+        Transport::Dds => "DDS is not authenticated",
+        Transport::Zenoh => "Zenoh is not authenticated unless its router asks for certificates",
+    };
     tracing::info!(
-        "DDS is not authenticated: every program that can send to domain {} can publish diagnostics and signals under any \
+        "{network}: every program that can send to domain {} can publish diagnostics and signals under any \
          name. Keep its network apart, and name who may say a status with `writers`",
         options.domain
     );

@@ -151,8 +151,8 @@ impl Steps {
         } else {
             // Nothing else takes away a state that counts.
             Some(say!(
-                "nothing received since the connection to the vehicle (DDS) failed",
-                "nichts empfangen, seit die Verbindung zum Fahrzeug (DDS) ausfiel"
+                "nothing received since the connection to the vehicle failed",
+                "nichts empfangen, seit die Verbindung zum Fahrzeug ausfiel"
             ))
         }
     }

@@ -216,11 +216,11 @@ pub(crate) fn repeated_nodes(names: &str) -> Text {
     say!("several nodes have one name: {names}", "mehrere Nodes haben denselben Namen: {names}", names)
 }
 
-/// The message while the DDS process is down.
+/// The message while the process of DDS or Zenoh is down; the reason names it.
 pub(crate) fn dds_down(reason: &str) -> Text {
     say!(
-        "the connection to the vehicle (DDS) failed and is being restarted: {reason}",
-        "die Verbindung zum Fahrzeug (DDS) ist ausgefallen und wird neu gestartet: {reason}",
+        "the connection to the vehicle failed and is being restarted: {reason}",
+        "die Verbindung zum Fahrzeug ist ausgefallen und wird neu gestartet: {reason}",
         reason
     )
 }

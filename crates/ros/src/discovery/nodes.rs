@@ -216,7 +216,7 @@ impl Nodes {
 
     fn missing(&self, now: Timestamp, what: impl FnOnce() -> String) -> ProbeOutcome {
         match self.since {
-            None => ProbeOutcome::Impossible("there is no DDS now".into()),
+            None => ProbeOutcome::Impossible("ROS 2 is not heard now".into()),
             Some(since) if now.since(since) < DISCOVERY => {
                 ProbeOutcome::Impossible("the nodes are being discovered still".into())
             }

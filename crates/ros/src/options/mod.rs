@@ -31,6 +31,16 @@ pub enum Transport {
     Zenoh,
 }
 
+/// As people are told of it.
+impl std::fmt::Display for Transport {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Transport::Dds => "DDS",
+            Transport::Zenoh => "Zenoh",
+        })
+    }
+}
+
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BridgeOptions {
     pub transport: Transport,
@@ -50,11 +60,11 @@ pub struct BridgeOptions {
     pub peers: Vec<Box<str>>,
     /// Settings of the environment that have no effect, a line each.
     pub unheeded: Vec<String>,
-    /// Where the DDS library runs.
+    /// Where the library of DDS or Zenoh runs.
     pub dds_process: DdsProcess,
 }
 
-/// Where the DDS library runs.
+/// Where the library of DDS or Zenoh runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DdsProcess {
     /// In a child process of this program, with this limit on its memory, and the form of its log (`--log`).

@@ -118,7 +118,7 @@ async fn run(
                     // A reload may have been asked for here: its client waits for the answer.
                     Ok(()) = wanted.changed() => server.finish().await,
                     () = addresses_change(&around.options) => {
-                        tracing::warn!("the DDS participant of the services is replaced: the addresses have changed");
+                        tracing::warn!("the participant of the services is replaced: the addresses have changed");
                     }
                 }
                 server.close().await;

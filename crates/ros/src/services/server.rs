@@ -129,7 +129,7 @@ impl Server {
         loop {
             tokio::select! {
                 ended = participant.ended() => {
-                    tracing::error!("the DDS process of the services is ill and is replaced: {}", ended.reason);
+                    tracing::error!("the process of the services is ill and is replaced: {}", ended.reason);
                     return;
                 }
                 Ok(()) = gid_size.changed() => self.announce().await,

@@ -65,7 +65,7 @@ pub fn serve(socket: UnixStream, alone: bool) {
         lived
     });
     if let Err(error) = served {
-        tracing::error!("the DDS process cannot be started: {error}");
+        tracing::error!("the process of DDS or Zenoh cannot be started: {error}");
     }
 }
 

@@ -107,6 +107,7 @@ pub struct Participant(Arc<Inner>);
 
 #[derive(Debug)]
 struct Inner {
+    transport: Transport,
     guid: Guid,
     id: u16,
     shared: Arc<Shared>,
@@ -139,12 +140,16 @@ impl Participant {
                 Announced::nobody(),
             ),
         };
-        let failed = |error: std::io::Error| BridgeError::Participant(error.to_string());
-        let (ours, theirs) = StdStream::pair().map_err(failed)?;
-        ours.set_nonblocking(true).map_err(failed)?;
-        let (reading, mut writing) = UnixStream::from_std(ours).map_err(failed)?.into_split();
+        let failed = match options.transport {
+            Transport::Dds => BridgeError::Participant,
+            Transport::Zenoh => BridgeError::Router,
+        };
+        let lacks = |error: std::io::Error| failed(error.to_string());
+        let (ours, theirs) = StdStream::pair().map_err(lacks)?;
+        ours.set_nonblocking(true).map_err(lacks)?;
+        let (reading, mut writing) = UnixStream::from_std(ours).map_err(lacks)?.into_split();
         let shared = Arc::new(Shared::new(announced));
-        let watch = watch::start(options.dds_process, theirs, shared.clone()).map_err(failed)?;
+        let watch = watch::start(options.dds_process, theirs, shared.clone()).map_err(lacks)?;
         let (orders, mut given) = mpsc::channel(ORDERS_MAX);
         let (ready, opened) = oneshot::channel();
         tokio::spawn(inbox::receive(reading, shared.clone(), ready));
@@ -177,6 +182,7 @@ impl Participant {
                 let opened = shared.announced.now();
                 let topics_of_ours = Mutex::default();
                 Ok(Participant(Arc::new(Inner {
+                    transport: options.transport,
                     guid,
                     id,
                     shared,
@@ -188,14 +194,8 @@ impl Participant {
                     keeper,
                 })))
             }
-            Ok(Err(_)) => {
-                let reason = shared.ended().await.reason.to_string();
-                Err(match options.transport {
-                    Transport::Dds => BridgeError::Participant(reason),
-                    Transport::Zenoh => BridgeError::Router(reason),
-                })
-            }
-            Err(_) => Err(BridgeError::Participant(format!("it does not start within {OPENING:?}"))),
+            Ok(Err(_)) => Err(failed(shared.ended().await.reason.into_string())),
+            Err(_) => Err(failed(format!("it does not start within {OPENING:?}"))),
         }
     }
 
@@ -356,8 +356,11 @@ impl Writer {
         match answer {
             Ok(Ok(None)) => Ok(()),
             Ok(Ok(Some(error))) => Err(error),
-            Ok(Err(_)) => Err("the DDS process has ended".to_owned()),
-            Err(_) => Err(format!("the DDS process does not answer within {WRITING_MAX:?}")),
+            Ok(Err(_)) => Err(format!("the {} process has ended", self.participant.0.transport)),
+            Err(_) => {
+                let transport = self.participant.0.transport;
+                Err(format!("the {transport} process does not answer within {WRITING_MAX:?}"))
+            }
         }
     }
 }

@@ -81,7 +81,7 @@ pub fn start(how: DdsProcess, socket: UnixStream, shared: Arc<Shared>) -> io::Re
         runner.end();
         shared.set_over();
     })?;
-    let gone = |_| Err(io::Error::other("the thread that starts the DDS process has failed"));
+    let gone = |_| Err(io::Error::other("the thread that starts the process has failed"));
     starting.recv().unwrap_or_else(gone)?;
     Ok(Watch { close })
 }
@@ -171,7 +171,7 @@ impl Runner {
 fn describe(status: ExitStatus) -> String {
     match status.signal() {
         // SIGABRT, as when memory is refused.
-        Some(6) => "it was aborted: its memory is used up, or the DDS library failed".to_owned(),
+        Some(6) => "it was aborted: its memory is used up, or its library failed".to_owned(),
         Some(signal) => format!("it was ended by signal {signal}"),
         None => "it has ended".to_owned(),
     }

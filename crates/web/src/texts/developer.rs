@@ -239,7 +239,7 @@ texts! {
         last_message: "Last message", "Letzte Nachricht";
         before_then: "before", "zuvor";
         none_yet: "no message yet", "noch keine Nachricht";
-        no_topics: "DDS discovery has seen nothing yet.", "Die DDS-Erkennung hat noch nichts gesehen.";
+        no_topics: "Discovery has seen nothing yet.", "Die Erkennung hat noch nichts gesehen.";
 
         config_same: "The file means the same as what runs.", "Die Datei bedeutet dasselbe wie das, was läuft.";
         config_differs: "The file differs from what runs", "Die Datei weicht von dem ab, was läuft";

@@ -31,7 +31,7 @@ use crate::msg::fields::Definitions;
 use crate::msg::received::Stamped;
 use crate::onboarding::init::{self, Draft, Observations, TOPICS_MAX};
 use crate::onboarding::live::Heard;
-use crate::ros::{self, Bridge, BridgeOptions, DIAGNOSTICS};
+use crate::ros::{self, Bridge, BridgeOptions, DIAGNOSTICS, Transport};
 
 /// Its name in the graph of ROS 2.
 const NODE: &str = "telltale_init";
@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         return Err(refusal(file));
     }
     let options = args.dds.resolve()?;
-    let listens_to = dds::describe(&options);
+    let (listens_to, transport) = (dds::describe(&options), options.transport);
     let definitions = options.definitions.clone();
     let heard = listen(options, args.length, None)?;
     let (mut draft, empty) = (heard.draft, heard.seen.is_empty());
@@ -113,7 +113,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Some(file) => write(file, &text)?,
         None => drop(print::text(&text)),
     }
-    tell(&draft, empty, &listens_to, args.output.as_deref());
+    tell(&draft, empty, (&listens_to, transport), args.output.as_deref());
     Ok(ExitCode::from(if empty || is_wrong { EXIT_NO } else { 0 }))
 }
 
@@ -267,12 +267,18 @@ fn write(file: &Path, text: &str) -> anyhow::Result<()> {
     opened.write_all(text.as_bytes()).with_context(|| format!("{} cannot be written", file.display()))
 }
 
-fn tell(draft: &Draft, empty: bool, listens_to: &str, output: Option<&Path>) {
+fn tell(draft: &Draft, empty: bool, (listens_to, transport): (&str, Transport), output: Option<&Path>) {
     if empty {
+        let reached = match transport {
+            Transport::Dds => {
+                "Is it reached over this interface (--interface), or only without multicast (--peer)? Does a firewall \
+                 drop UDP?"
+            }
+            Transport::Zenoh => "Does its router run, and does ZENOH_CONFIG_OVERRIDE name it?",
+        };
         note!(
-            "Nothing was heard: no other DDS participant was found on {listens_to}. Does the robot run, with the same \
-             ROS_DOMAIN_ID (--domain)? Is it reached over this interface (--interface), or only without multicast \
-             (--peer)? Does a firewall drop UDP? The file takes whatever comes."
+            "Nothing was heard: no other participant was found on {listens_to}. Does the robot run, with the same \
+             ROS_DOMAIN_ID (--domain)? {reached} The file takes whatever comes."
         );
     } else {
         let modules: usize = draft.groups.iter().map(|group| group.modules.len()).sum();

@@ -151,12 +151,12 @@ fn is_free(domain: u16) -> bool {
 /// Prints the address, the users and what can be tried, on one screen.
 fn introduction(address: SocketAddr, options: &BridgeOptions, kind: Kind) -> String {
     let url = server::url(address, false);
-    let network = if options.transport == Transport::Zenoh { "Zenoh" } else { "DDS" };
     let domain = options.domain;
     let what = if kind == Kind::Robot { "warehouse robot" } else { "shuttle" };
     let mut text = format!(
-        "Telltale demo: a simulated {what} over real {network}, domain {domain}, on this computer alone.\n\n\
-         \x20 Look      {url}\n\n  Log in\n"
+        "Telltale demo: a simulated {what} over real {}, domain {domain}, on this computer alone.\n\n\
+         \x20 Look      {url}\n\n  Log in\n",
+        options.transport
     );
     for (name, role, secret) in DEMO_USERS {
         let (kind, sees) = match role {

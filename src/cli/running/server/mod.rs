@@ -248,7 +248,7 @@ impl Parts {
             tokio::select! {
                 said = timeout_at(by.into(), said) => {
                     if said.is_err() {
-                        tracing::warn!("the DDS processes do not end in time");
+                        tracing::warn!("the processes of DDS or Zenoh do not end in time");
                     }
                 }
                 _ = signal.requested() => {}

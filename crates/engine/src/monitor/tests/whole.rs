@@ -71,7 +71,7 @@ fn what_is_unknown_says_why_before_its_last_good_value() {
     feed(&mut engine, &model, 900, &Do::Number(0, 5.0));
     assert_eq!(says(&mut engine), (Ok, "5, at most 80 wanted".to_owned()));
     engine.handle(&Input::Dds { fault: Some("killed".into()) }, Timestamp::from_millis(1000));
-    let cut = "nothing received since the connection to the vehicle (DDS) failed; last: 5, at most 80 wanted";
+    let cut = "nothing received since the connection to the vehicle failed; last: 5, at most 80 wanted";
     assert_eq!(says(&mut engine), (Unknown, cut.to_owned()));
     engine.handle(&Input::Tick, Timestamp::from_millis(2900));
     assert_eq!(says(&mut engine), (Unknown, "silent for 2 s; last: 5, at most 80 wanted".to_owned()));

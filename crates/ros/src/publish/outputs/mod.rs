@@ -296,7 +296,7 @@ async fn look_after(
             () = stopped(stop) => return,
             Ok(()) = wanted.changed() => return,
             reason = publisher.stopped() => {
-                tracing::error!("the DDS process that publishes is ill and is replaced: {reason}");
+                tracing::error!("the process that publishes is ill and is replaced: {reason}");
                 return;
             }
             _ = looks.tick() => {
@@ -312,7 +312,7 @@ async fn look_after(
                 }
                 // An error while listing the interfaces says nothing about them.
                 if look.is_multiple_of(4) && interfaces::addresses().is_ok_and(|now| addresses.look(&now)) {
-                    tracing::warn!("the DDS participant that publishes is replaced: the addresses have changed");
+                    tracing::warn!("the participant that publishes is replaced: the addresses have changed");
                     return;
                 }
             }

@@ -111,7 +111,7 @@ pub const VALUES: Operation = Operation {
 pub const TOPICS: Operation = Operation {
     id: "topics",
     tag: Tag::Tables,
-    summary: "The topics that DDS discovery sees",
+    summary: "The topics that discovery sees",
     about: "With their publishers and subscribers, and why these do not match.",
     query: Some(of::<TopicsAsked>),
     answer: Content::Table(of::<TopicsAnswer<'static>>),
@@ -170,7 +170,7 @@ pub const HEALTHZ: Operation = Operation {
 pub const READYZ: Operation = Operation {
     id: "readyz",
     tag: Tag::Session,
-    summary: "The engine, the bridge to DDS and the store work",
+    summary: "The engine, the bridge to ROS 2 and the store work",
     answer: Content::Text,
     refusals: &[(503, "They do not.")],
     ..Operation::PLAIN

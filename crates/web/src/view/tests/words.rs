@@ -53,8 +53,8 @@ fn what_is_unknown_while_dds_is_down_says_so_before_its_last_words() {
     let mut sample = driving(parts());
     sample.input(&Input::Dds { fault: Some("killed".into()) });
     let cut = sample.published();
-    let english = "nothing received since the connection to the vehicle (DDS) failed; last: running";
-    let german = "nichts empfangen, seit die Verbindung zum Fahrzeug (DDS) ausfiel; zuletzt: running";
+    let english = "nothing received since the connection to the vehicle failed; last: running";
+    let german = "nichts empfangen, seit die Verbindung zum Fahrzeug ausfiel; zuletzt: running";
     check(&cut, Lang::En, "detail-sensors", &[english], &[]);
     check(&cut, Lang::De, "detail-sensors", &[german], &[]);
 }
