@@ -32,21 +32,22 @@ FORGED = 600
 
 
 class Site:
-    """A server, and a vehicle that says ten times a second that it is well."""
+    """A server, and a vehicle that says ten times a second that it is well; `options` are those of its programs."""
 
-    def __init__(self, stack, folder):
+    def __init__(self, stack, folder, flags=(), options=()):
         config = folder / "robot.yaml"
         config.write_text(CONFIG)
         self.folder = folder
         self.stack = stack
-        self.server = stack.enter_context(serving(folder, config=config))
+        self.options = options
+        self.server = stack.enter_context(serving(folder, config=config, flags=flags))
         self.server.add_user(*DEVELOPER, role="developer")
         self.client = Client(self.server, *DEVELOPER)
         self.motor = self.writer("rt/diagnostics", "DiagnosticArray", "motor")
         self.repeat(lambda: self.motor.write(statuses=[{"level": 0, "name": "motor", "message": f"at {time.monotonic():.2f}"}]))
 
     def writer(self, topic, type_name, name):
-        writer = Writer(own_domain(), topic, type_name, self.folder / f"{name}.log")
+        writer = Writer(own_domain(), topic, type_name, self.folder / f"{name}.log", options=self.options)
         return self.stack.enter_context(contextlib.closing(writer))
 
     def repeat(self, write):

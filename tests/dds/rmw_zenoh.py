@@ -1,7 +1,8 @@
 """ROS 2 over Zenoh as `peer.py` uses it: Eclipse Zenoh in Python, with the keys, tokens and attachments of rmw_zenoh.
 No rmw_zenoh_cpp runs here. Names are given as on DDS, with `rt/`, `rq/` and `rr/`.
 
-The session is a peer, as in rmw_zenoh, at the router that ZENOH_CONFIG_OVERRIDE names. `router` runs one."""
+The session is a peer, as in rmw_zenoh, at the router that ZENOH_CONFIG_OVERRIDE names. `router` runs one, and `forge` says
+what no node says."""
 
 import itertools
 import json
@@ -188,5 +189,42 @@ def attachment(number, stamp_ns, token):
     return struct.pack("<qqB", number, stamp_ns, 16) + digest.to_bytes(16, "little")
 
 
+def forge():
+    """Declares tokens and publishes as the JSON lines on standard input say, and answers each line:
+    {"tokens": [key, ...]}            they are there
+    {"flood": "a/{n}", "count": n, "sessions": m}   and so are these, numbered; {z} counts to m, and {y} to 256
+    {"forget": true}                  all are gone
+    {"find": "a/**"}                  says which are there
+    {"key": k, "data": hex, "attachment": hex}"""
+    with zenoh.open(config("client")) as session:
+        held = []
+        print(json.dumps({"ready": True}), flush=True)
+        for line in sys.stdin:
+            said = json.loads(line)
+            refused = 0
+            many = said.get("sessions", 1)
+            flood = (said["flood"].format(n=n, z=n % many, y=n // many % 256) for n in range(said.get("count", 0)))
+            for key in itertools.chain(said.get("tokens", ()), flood):
+                try:
+                    held.append(session.liveliness().declare_token(key))
+                except zenoh.ZError:
+                    refused += 1
+            if "forget" in said:
+                for token in held:
+                    token.undeclare()
+                held = []
+            if "find" in said:
+                there = [str(reply.ok.key_expr) for reply in session.liveliness().get(said["find"]) if reply.ok]
+                print(json.dumps({"found": there}), flush=True)
+            if "key" in said:
+                attached = said.get("attachment")
+                attached = None if attached is None else bytes.fromhex(attached)
+                session.put(said["key"], bytes.fromhex(said["data"]), attachment=attached)
+            print(json.dumps({"done": len(held), "refused": refused}), flush=True)
+
+
 if __name__ == "__main__":
-    router(sys.argv[1])
+    if sys.argv[1:] == ["forge"]:
+        forge()
+    elif sys.argv[1:2] == ["router"]:
+        router(sys.argv[2])

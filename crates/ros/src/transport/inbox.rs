@@ -203,8 +203,8 @@ impl Shared {
                 if all > 0 && !self.said_cut.swap(true, Ordering::Relaxed) {
                     tracing::warn!(
                         "more than {ENDPOINTS_MAX} readers and writers of other programs are discovered: {all} or more \
-                         are not looked at, those of the programs with the most, and {of_ours} of them on topics of \
-                         Telltale. Look for the program that makes them"
+                         are not looked at, those of the programs with the most, and at most {of_ours} of them on topics \
+                         of Telltale. Look for the program that makes them"
                     );
                 }
             }

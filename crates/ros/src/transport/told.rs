@@ -17,7 +17,8 @@ pub struct Told {
 }
 
 impl Told {
-    /// Tells of the endpoints that are gone, new or have changed. `passed_over` are others that are not among them.
+    /// Tells of the endpoints that are gone, new or have changed. `passed_over` are others that are not among them, perhaps
+    /// of topics of ours.
     /// Returns whether one is new or has changed.
     ///
     /// # Errors
@@ -29,7 +30,7 @@ impl Told {
         frame: &mut Frame,
     ) -> Result<bool, String> {
         let Places { followed: now, cut_of_ours, cut } = places::choose(now, &self.endpoints, &self.ours)?;
-        let cut = cut.saturating_add(passed_over);
+        let (cut_of_ours, cut) = (cut_of_ours.saturating_add(passed_over), cut.saturating_add(passed_over));
         let before = std::mem::replace(&mut self.cut, (cut_of_ours, cut));
         let tell_cut = |frame: &mut Frame| frame.news(&FromChild::Cut { of_ours: cut_of_ours, all: cut });
         // Told first: an endpoint that was cut is not gone.

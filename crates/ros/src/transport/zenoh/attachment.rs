@@ -27,7 +27,7 @@ impl Attachment {
         let stamp_ns = i64::from_le_bytes(field(1, 8)?.try_into().ok()?);
         let (length, gid) = field(2, 1 + usize::from(GID_BYTES))?.split_first()?;
         let gid = gid.try_into().ok().filter(|_| *length == GID_BYTES && bytes.is_empty())?;
-        Some(Attachment { sequence, stamp_ns, gid })
+        (sequence >= 0).then_some(Attachment { sequence, stamp_ns, gid })
     }
 
     pub fn bytes(&self) -> Vec<u8> {
@@ -58,7 +58,8 @@ mod tests {
         assert_eq!((bytes.len(), Attachment::read(&bytes)), (33, Some(whole)));
         let named = [NAMES[0], &bytes[..8], NAMES[1], &bytes[8..16], NAMES[2], &bytes[16..]].concat();
         assert_eq!(Attachment::read(&named), Some(whole));
-        for wrong in [&bytes[..32], &[&bytes[..], &[0]].concat(), &[0; 33], &[]] {
+        let below_zero = Attachment { sequence: -1, ..whole }.bytes();
+        for wrong in [&bytes[..32], &[&bytes[..], &[0]].concat(), &[0; 33], &[], &below_zero] {
             assert_eq!(Attachment::read(wrong), None);
         }
         assert_eq!(whole.source(), Some(3 << 31));

@@ -3,17 +3,20 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use super::attachment::Gid;
+use super::hashes;
 use super::names::{self, Channel, ENTITIES_MAX, Kind, Part, Token};
 use crate::transport::ids::{PREFIX, Prefix};
 use crate::transport::wire::NAME_BYTES_MAX;
-use crate::transport::{Found, NODES_TOPIC};
+use crate::transport::{ENDPOINTS_MAX, Found, NODES_TOPIC};
 use telltale_engine::discovery::Liveliness;
 use telltale_msg::messages::{self, GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
 use telltale_msg::sample_bytes::Guid;
 use telltale_msg::services::ZENOH;
 
-/// Tokens that are kept. A server or client has two endpoints.
-const TOKENS_MAX: usize = 32_768;
+/// Places that no session loses to others.
+const SHARE: usize = 256;
+/// Types of one topic, by their hashes, on which Telltale publishes.
+const HASHES_MAX: usize = 8;
 /// The entity of a session that announces its nodes.
 const ANNOUNCER: u32 = u32::MAX;
 /// Marks the writer of replies of a server, and the reader of replies of a client.
@@ -24,19 +27,36 @@ const REPLIES: u32 = ENTITIES_MAX;
 pub struct Graph {
     domain: u16,
     own: String,
-    sessions: BTreeMap<String, BTreeMap<String, Token>>,
-    /// The number of tokens of each session: the last has the most.
-    sizes: BTreeSet<(usize, String)>,
-    count: usize,
+    sessions: BTreeMap<Prefix, Session>,
+    /// The places of each session: the last has the most.
+    sizes: BTreeSet<(usize, Prefix)>,
+    places: usize,
     /// Tokens that were passed over since the graph was full.
     pub cut: u32,
     publishers: HashMap<Gid, Guid>,
-    /// The hashes of each channel's type, and how many tokens have each.
-    hashes: BTreeMap<Channel, BTreeMap<String, usize>>,
+    /// The hashes of each channel's type that entities of a kind have, and how many have each.
+    hashes: BTreeMap<(Channel, Kind), BTreeMap<String, usize>>,
     /// Sessions that have changed since they were last told of.
-    pub changed: BTreeSet<String>,
-    /// A token has gone since its sessions were last told of: the router has to confirm it.
-    pub has_lost: bool,
+    pub changed: BTreeSet<Prefix>,
+    /// Known tokens that are gone, or the router is: it is not asked yet.
+    lost: BTreeSet<(Prefix, String)>,
+    /// The same, and it is asked.
+    asked: BTreeSet<(Prefix, String)>,
+}
+
+/// The tokens of the sessions with ids that begin alike. So one that forges an id takes nothing from the true one.
+#[derive(Debug, Default)]
+struct Session {
+    tokens: BTreeMap<String, Token>,
+    /// Of the tokens.
+    places: usize,
+}
+
+impl Session {
+    /// One more for the writer that announces its nodes.
+    fn places(&self) -> usize {
+        if self.tokens.is_empty() { 0 } else { self.places + 1 }
+    }
 }
 
 impl Graph {
@@ -44,79 +64,124 @@ impl Graph {
         Graph { domain, own, ..Graph::default() }
     }
 
-    /// A token is there. When there are too many, one of the session with the most is given up.
+    /// A token is there. When there are too many, the session with the most gives way if it has more than its share.
     pub fn add(&mut self, key: &str) {
-        let Some(token) = Token::read(key, self.domain).filter(|token| token.session != self.own) else {
+        let Some(mut token) = Token::read(key, self.domain).filter(|token| token.session != self.own) else {
             return;
         };
-        let session = token.session.clone();
-        if self.sessions.get(&session).is_some_and(|tokens| tokens.contains_key(key)) {
+        let session = prefix(&token.session);
+        if self.sessions.get(&session).is_some_and(|known| known.tokens.contains_key(key)) {
+            let place = (session, key.to_owned());
+            // It was away for a moment.
+            self.lost.remove(&place);
+            self.asked.remove(&place);
             return;
         }
-        if self.count >= TOKENS_MAX {
-            self.cut += 1;
-            let most = self.sizes.last().cloned();
-            let last = most
-                .and_then(|(_, most)| Some((self.sessions.get(&most)?.keys().next_back()?.clone(), most)));
-            match last {
-                Some((last, most)) if most != session => self.remove_of(&most, &last),
-                _ => return,
-            }
+        while self.places + places(&token) >= ENDPOINTS_MAX {
+            self.cut = self.cut.saturating_add(1);
+            let most = self.sizes.last().copied().filter(|(places, it)| *places > SHARE && *it != session);
+            let last =
+                most.and_then(|(_, it)| Some((it, self.sessions.get(&it)?.tokens.keys().next_back()?)));
+            let Some((most, last)) = last.map(|(it, last)| (it, last.clone())) else { return };
+            self.take_away(most, &last);
         }
+        let gid = names::gid(key);
+        // Two of one number are two all the same.
+        token.entity = u32::from_le_bytes([gid[0], gid[1], gid[2], gid[3]]) % ENTITIES_MAX;
         if token.kind == Kind::Publisher || token.kind == Kind::Client {
-            self.publishers.insert(names::gid(key), guid(&session, token.entity));
+            self.publishers.insert(gid, guid(&token.session, token.entity));
         }
         self.count_hash(&token, true);
-        self.resize(&session, |tokens| drop(tokens.insert(key.to_owned(), token)));
+        let known = self.sessions.entry(session).or_default();
+        let before = known.places();
+        known.places += places(&token);
+        known.tokens.insert(key.to_owned(), token);
+        self.resize(session, before);
     }
 
-    /// A token is gone.
-    pub fn remove(&mut self, key: &str) {
-        self.has_lost = true;
-        if let Some(token) = Token::read(key, self.domain) {
-            self.remove_of(&token.session, key);
+    /// A token is gone, or the router is.
+    pub fn lose(&mut self, key: &str) {
+        let session = Token::read(key, self.domain).map(|token| prefix(&token.session));
+        let is_known =
+            |it: &Prefix| self.sessions.get(it).is_some_and(|known| known.tokens.contains_key(key));
+        if let Some(session) = session.filter(is_known) {
+            self.lost.insert((session, key.to_owned()));
         }
     }
 
-    fn remove_of(&mut self, session: &str, key: &str) {
-        let Some(token) = self.sessions.get(session).and_then(|tokens| tokens.get(key)).cloned() else {
-            return;
+    /// The router tells again of all that are there.
+    pub fn lose_all(&mut self) {
+        let keys = |(session, known): (&Prefix, &Session)| {
+            let session = *session;
+            known.tokens.keys().map(move |key| (session, key.clone())).collect::<Vec<_>>()
         };
+        self.lost = self.sessions.iter().flat_map(keys).collect();
+        self.cut = 0;
+    }
+
+    /// Whether there are tokens of which the router has to be asked.
+    pub fn asks(&mut self) -> bool {
+        self.asked.append(&mut self.lost);
+        !self.asked.is_empty()
+    }
+
+    /// The router has answered: they are gone.
+    pub fn confirm(&mut self) {
+        for (session, key) in std::mem::take(&mut self.asked) {
+            self.take_away(session, &key);
+        }
+    }
+
+    /// Whether tokens that were passed over have room now.
+    pub fn has_room_again(&self) -> bool {
+        self.cut > 0 && self.places < ENDPOINTS_MAX / 2
+    }
+
+    fn take_away(&mut self, session: Prefix, key: &str) {
+        let Some(known) = self.sessions.get_mut(&session) else { return };
+        let before = known.places();
+        let Some(token) = known.tokens.remove(key) else { return };
+        known.places -= places(&token);
         self.publishers.remove(&names::gid(key));
         self.count_hash(&token, false);
-        self.resize(session, |tokens| drop(tokens.remove(key)));
+        self.resize(session, before);
     }
 
-    fn resize(&mut self, session: &str, change: impl FnOnce(&mut BTreeMap<String, Token>)) {
-        let tokens = self.sessions.entry(session.to_owned()).or_default();
-        let before = tokens.len();
-        change(tokens);
-        let after = tokens.len();
+    /// A session had so many places before.
+    fn resize(&mut self, session: Prefix, before: usize) {
+        let after = self.sessions.get(&session).map_or(0, Session::places);
+        self.sizes.remove(&(before, session));
         if after == 0 {
-            self.sessions.remove(session);
+            self.sessions.remove(&session);
+        } else {
+            self.sizes.insert((after, session));
         }
-        self.sizes.remove(&(before, session.to_owned()));
-        if after > 0 {
-            self.sizes.insert((after, session.to_owned()));
-        }
-        self.count = self.count + after - before;
-        self.changed.insert(session.to_owned());
+        self.places = self.places + after - before;
+        self.changed.insert(session);
     }
 
     fn count_hash(&mut self, token: &Token, is_new: bool) {
         let Some((channel, hash, _)) = &token.channel else { return };
-        let known = self.hashes.entry(channel.clone()).or_default();
+        let of = (channel.clone(), token.kind);
+        let known = self.hashes.entry(of.clone()).or_default();
         let count = known.entry(hash.clone()).or_default();
         *count = if is_new { *count + 1 } else { count.saturating_sub(1) };
-        known.retain(|_, count| *count > 0);
+        if *count == 0 {
+            known.remove(hash);
+        }
         if known.is_empty() {
-            self.hashes.remove(channel);
+            self.hashes.remove(&of);
         }
     }
 
-    /// The hashes of a channel's type that others have.
-    pub fn hashes(&self, channel: &Channel) -> impl Iterator<Item = &String> {
-        self.hashes.get(channel).into_iter().flat_map(BTreeMap::keys)
+    /// The hashes of a channel's type that entities of a kind have. Those that are right are first, so forged ones do not
+    /// push them out.
+    pub fn hashes(&self, channel: &Channel, kind: Kind) -> impl Iterator<Item = &str> {
+        let right = [hashes::of(&channel.type_name), hashes::NONE];
+        let known = self.hashes.get(&(channel.clone(), kind));
+        let is_right = move |hash: &&str| right.contains(hash);
+        let all = move || known.into_iter().flat_map(BTreeMap::keys).map(String::as_str);
+        all().filter(is_right).chain(all().filter(move |hash| !is_right(hash))).take(HASHES_MAX)
     }
 
     /// The writer with this id.
@@ -131,10 +196,10 @@ impl Graph {
 
     /// All endpoints as they would be on DDS: each session also has a writer that announces its nodes.
     pub fn endpoints(&self) -> BTreeMap<Guid, Found> {
-        let announcer = |session: &String| announces(session, NODES_TOPIC.to_owned());
-        let announcers = self.sessions.keys().map(announcer);
-        let tokens = self.sessions.values().flat_map(BTreeMap::values);
-        let all = announcers.chain(tokens.flat_map(endpoints));
+        let announcers = self.sessions.keys().map(|session| announces(session, NODES_TOPIC.to_owned()));
+        let tokens = self.sessions.values().flat_map(|known| known.tokens.values());
+        // The last of two with one id counts.
+        let all = tokens.flat_map(endpoints).chain(announcers);
         let fits =
             |found: &Found| found.topic.len() <= NAME_BYTES_MAX && found.type_name.len() <= NAME_BYTES_MAX;
         all.filter(fits).map(|found| (found.guid, found)).collect()
@@ -142,8 +207,8 @@ impl Graph {
 
     /// The nodes of a session as `rmw_dds_common/msg/ParticipantEntitiesInfo`, and the writer of that. `None` if it is
     /// gone.
-    pub fn announcement(&self, session: &str) -> Option<(Guid, Vec<u8>)> {
-        let tokens = self.sessions.get(session)?;
+    pub fn announcement(&self, session: &Prefix) -> Option<(Guid, Vec<u8>)> {
+        let tokens = &self.sessions.get(session)?.tokens;
         let mut nodes: BTreeMap<&str, (usize, Vec<Guid>, Vec<Guid>)> = BTreeMap::new();
         for token in tokens.values() {
             let (times, readers, writers) = nodes.entry(&token.node).or_default();
@@ -158,7 +223,8 @@ impl Graph {
             (0..1.min(*times)).map(|_| NodeEntities { name, readers, writers }).chain(again)
         });
         let all: Vec<NodeEntities<'_>> = named.collect();
-        Some((guid(session, ANNOUNCER), messages::encode_nodes(guid(session, 0), &all, GidSize::Bytes16)))
+        let body = messages::encode_nodes(entity(session, 0), &all, GidSize::Bytes16);
+        Some((entity(session, ANNOUNCER), body))
     }
 }
 
@@ -174,16 +240,25 @@ pub fn prefix(session: &str) -> Prefix {
 }
 
 /// A reader or writer of a session.
-pub fn guid(session: &str, entity: u32) -> Guid {
+pub fn guid(session: &str, number: u32) -> Guid {
+    entity(&prefix(session), number)
+}
+
+fn entity(session: &Prefix, number: u32) -> Guid {
     let mut guid = [0; 16];
-    guid[..PREFIX].copy_from_slice(&prefix(session));
-    guid[PREFIX..].copy_from_slice(&entity.to_be_bytes());
+    guid[..PREFIX].copy_from_slice(session);
+    guid[PREFIX..].copy_from_slice(&number.to_be_bytes());
     guid
 }
 
-fn announces(session: &str, topic: String) -> Found {
+/// The endpoints of a token. A node takes a place, too.
+fn places(token: &Token) -> usize {
+    endpoints(token).count().max(1)
+}
+
+fn announces(session: &Prefix, topic: String) -> Found {
     Found {
-        guid: guid(session, ANNOUNCER),
+        guid: entity(session, ANNOUNCER),
         writes: true,
         topic,
         type_name: messages::dds_type_name(PARTICIPANT_ENTITIES_INFO).unwrap_or_default(),
@@ -219,4 +294,84 @@ fn endpoints(token: &Token) -> impl Iterator<Item = Found> + '_ {
             takes: if *writes { 0 } else { u8::MAX >> (8 - crate::Quality::COUNT) },
         })
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A publisher or server of a session, by its number.
+    fn token(session: &str, kind: &str, number: usize, hash: &str) -> String {
+        format!(
+            "@ros2_lv/7/{session}/0/{number}/{kind}/%/%/node/%t{number}/std_msgs::msg::dds_::Bool_/{hash}/::,:,:,:,,"
+        )
+    }
+
+    fn of(graph: &Graph, session: &str) -> usize {
+        let endpoints = graph.endpoints();
+        endpoints.keys().filter(|guid| guid.starts_with(&prefix(session))).count()
+    }
+
+    #[test]
+    fn a_stranger_with_thousands_pushes_out_its_own_alone() {
+        let mut graph = Graph::new(7, "own".to_owned());
+        let vehicle = |graph: &mut Graph, session: &str| {
+            (0..SHARE - 1).for_each(|number| graph.add(&token(session, "MP", number, "h")));
+        };
+        vehicle(&mut graph, "a1");
+        (0..ENDPOINTS_MAX).for_each(|number| graph.add(&token("ffff", "SS", number, "h")));
+        vehicle(&mut graph, "b2");
+        assert_eq!([of(&graph, "a1"), of(&graph, "b2")], [SHARE, SHARE]);
+        // Now each with an id of its own.
+        (0..2 * ENDPOINTS_MAX)
+            .for_each(|number| graph.add(&token(&format!("{number:020x}"), "SS", number, "h")));
+        assert_eq!([of(&graph, "a1"), of(&graph, "b2")], [SHARE, SHARE]);
+        assert!(graph.cut > 0 && graph.endpoints().len() <= ENDPOINTS_MAX && !graph.has_room_again());
+        assert_eq!(of(&graph, "ffff"), SHARE - 1);
+        graph.lose_all();
+        vehicle(&mut graph, "b2");
+        assert!(graph.asks());
+        graph.confirm();
+        assert_eq!((graph.endpoints().len(), graph.places, graph.sizes.len()), (SHARE, SHARE, 1));
+        assert_eq!((graph.publishers.len(), graph.hashes.len()), (SHARE - 1, SHARE - 1));
+    }
+
+    #[test]
+    fn a_token_is_gone_once_the_router_has_answered_a_question_after_it() {
+        let mut graph = Graph::new(7, "own".to_owned());
+        let [first, second] = [1, 2].map(|number| token("a1", "MP", number, "h"));
+        graph.add(&first);
+        graph.add(&second);
+        graph.lose(&first);
+        assert!(graph.asks());
+        graph.lose(&second);
+        graph.confirm();
+        assert_eq!(of(&graph, "a1"), 2, "the second and the announcer");
+        graph.add(&second);
+        assert!(!graph.asks());
+        graph.lose("@ros2_lv/7/unknown/0/1/NN/%/%/node");
+        assert!(!graph.asks());
+    }
+
+    #[test]
+    fn a_forged_id_or_hash_takes_nothing_from_the_true_one() {
+        let mut graph = Graph::new(7, "own".to_owned());
+        let true_one = token("0123456789abcdef01234567", "MP", 1, "h");
+        graph.add("@ros2_lv/7/0123456789abcdef01234567/0/0/NN/%/%/node");
+        graph.add(&true_one);
+        let writer = graph.writer(&names::gid(&true_one)).unwrap();
+        let announced = graph.announcement(&prefix("0123456789abcdef01234567")).unwrap();
+        let forged = true_one.replace("%t1", "%other").replace("01234567/", "01234568/");
+        graph.add(&forged);
+        assert!(graph.endpoints().get(&writer).is_some_and(|found| found.topic == "rt/t1"));
+        let both = graph.announcement(&prefix("0123456789abcdef01234567")).unwrap();
+        assert!(both.0 == announced.0 && both.1.len() > announced.1.len());
+        let channel = Channel { name: "/t1".to_owned(), type_name: "std_msgs::msg::dds_::Bool_".to_owned() };
+        let right = hashes::of(&channel.type_name);
+        let hashes =
+            (0..99).map(|number| format!("A{number}")).chain([hashes::NONE.to_owned(), right.to_owned()]);
+        hashes.for_each(|hash| graph.add(&token("ffff", "MS", 1, &hash)));
+        let known: Vec<&str> = graph.hashes(&channel, Kind::Subscriber).collect();
+        assert!(known.len() == HASHES_MAX && known.contains(&right) && known.contains(&hashes::NONE));
+    }
 }

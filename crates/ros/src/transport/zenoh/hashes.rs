@@ -1,7 +1,7 @@
 //! The hashes of the types that Telltale publishes and serves (REP 2016): others find them by it.
 
 /// Humble writes this in place of a hash.
-const NONE: &str = "TypeHashNotSupported";
+pub const NONE: &str = "TypeHashNotSupported";
 
 /// By the type as it is on the wire. A type that the configuration names alone has the hash of its subscribers.
 const HASHES: [(&str, &str); 10] = [

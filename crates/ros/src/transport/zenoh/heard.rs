@@ -35,8 +35,12 @@ pub struct State {
     /// Calls of our services, by client and number.
     pub calls: VecDeque<(SampleId, Query)>,
     pub news: Vec<FromChild>,
-    /// The newest beat that the router has answered.
+    /// The newest beat that the router has answered, and the newest question about lost tokens.
     pub echo: u64,
+    pub confirmed: u64,
+    /// The number of the follower that counts, and of the tokens that it holds.
+    pub following: u64,
+    pub there: usize,
     /// The library can no longer be used.
     pub broken: Option<String>,
 }
@@ -124,6 +128,20 @@ impl Heard {
 }
 
 impl State {
+    /// A token is there or gone.
+    pub fn token(&mut self, follower: u64, key: &str, is_there: bool) {
+        if follower != self.following {
+            return;
+        }
+        if is_there {
+            self.there += 1;
+            self.graph.add(key);
+        } else {
+            self.there = self.there.saturating_sub(1);
+            self.graph.lose(key);
+        }
+    }
+
     /// Passes up what waits, as far as its readers have room.
     pub fn take(&mut self, frame: &mut Frame) {
         for (reader, queue) in &mut self.queues {

@@ -3,6 +3,7 @@
 mod attachment;
 pub mod child;
 mod config;
+mod follower;
 mod graph;
 mod hashes;
 mod heard;

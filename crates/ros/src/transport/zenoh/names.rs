@@ -19,7 +19,7 @@ pub fn tokens(domain: u16) -> String {
     format!("{TOKENS}/{domain}/**")
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     Node,
     Publisher,
@@ -36,6 +36,17 @@ impl Kind {
         ("SS", Kind::Server),
         ("SC", Kind::Client),
     ];
+
+    /// The kind that its messages come from or go to.
+    pub fn other(self) -> Kind {
+        match self {
+            Kind::Node => Kind::Node,
+            Kind::Publisher => Kind::Subscriber,
+            Kind::Subscriber => Kind::Publisher,
+            Kind::Server => Kind::Client,
+            Kind::Client => Kind::Server,
+        }
+    }
 }
 
 /// A topic or service, and its type.

@@ -12,7 +12,7 @@ use tokio::sync::oneshot;
 use zenoh::Wait as _;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
-use zenoh::sample::{Sample, SampleKind};
+use zenoh::sample::Sample;
 use zenoh_ext::{
     AdvancedPublisher, AdvancedPublisherBuilderExt as _, AdvancedSubscriberBuilderExt as _, CacheConfig,
     HistoryConfig, MissDetectionConfig, RecoveryConfig,
@@ -31,10 +31,6 @@ use telltale_engine::discovery::Liveliness;
 use telltale_msg::cdr::{Endian, Fault, Reader};
 use telltale_msg::sample_bytes::Guid;
 
-/// Types of one topic, by their hashes, on which Telltale publishes.
-const HASHES_MAX: usize = 8;
-/// How long the state of the graph may take at the start.
-const GRAPH_WITHIN: Duration = Duration::from_secs(5);
 /// No token begins so.
 const NOBODY: &str = "telltale_alive";
 /// A question without an answer is given up long after the session was given up for it.
@@ -82,7 +78,7 @@ pub fn run(
     let _ = session.close().timeout(WRITING_MAX).wait();
 }
 
-fn refused(error: impl std::fmt::Display) -> String {
+pub fn refused(error: impl std::fmt::Display) -> String {
     format!("the Zenoh library refused: {error}")
 }
 
@@ -99,19 +95,41 @@ struct Session {
     node_of: BTreeMap<Guid, String>,
     readers: BTreeMap<u32, OpenReader>,
     writers: BTreeMap<u32, OpenWriter>,
-    /// The subscriber to tokens, which is held until the end.
-    _tokens: Box<dyn Any + Send>,
+}
+
+/// Opens a session at this router, or at the one that the environment names.
+pub fn open(router: Option<&str>) -> Result<zenoh::Session, String> {
+    let config = config::session(router, |name| std::env::var(name).ok())?;
+    let router = config.get_json("connect/endpoints").unwrap_or_default();
+    zenoh::open(config).wait().map_err(|error| {
+        let error = error.to_string();
+        // Behind it the library names the line of its source.
+        let (error, _) = error.split_once(" at /").unwrap_or((&error, ""));
+        format!("no Zenoh router at {router}: start one (ros2 run rmw_zenoh_cpp rmw_zenohd), or name it in ZENOH_CONFIG_OVERRIDE: {error}")
+    })
+}
+
+/// Asks the router for tokens that nobody has. It says when it has told all of them, while it works.
+pub fn ask(session: &zenoh::Session, answered: impl Fn() + Send + Sync + 'static) -> Result<(), String> {
+    if session.info().routers_zid().wait().next().is_none() {
+        return Err("the Zenoh router is gone".to_owned());
+    }
+    let answered = Answered(answered);
+    let nobody = format!("{NOBODY}/{}", session.zid());
+    let get = session.liveliness().get(nobody).timeout(UNANSWERED);
+    get.callback(move |_: Reply| {
+        let _ = &answered;
+    })
+    .wait()
+    .map_err(refused)
 }
 
 /// A question to the router. It is dropped when its answer is complete.
-struct Answered {
-    heard: Arc<Heard>,
-    number: u64,
-}
+struct Answered<F: Fn()>(F);
 
-impl Drop for Answered {
+impl<F: Fn()> Drop for Answered<F> {
     fn drop(&mut self) {
-        self.heard.with(|state| state.echo = state.echo.max(self.number));
+        self.0();
     }
 }
 
@@ -141,36 +159,9 @@ struct OpenWriter {
 
 impl Session {
     fn open(domain: u16, router: Option<&str>, heard: &Arc<Heard>) -> Result<Session, String> {
-        let config = config::session(router, |name| std::env::var(name).ok())?;
-        let router = config.get_json("connect/endpoints").unwrap_or_default();
-        let session = zenoh::open(config).wait().map_err(|error| {
-            let error = error.to_string();
-            // Behind it the library names the line of its source.
-            let (error, _) = error.split_once(" at /").unwrap_or((&error, ""));
-            format!("no Zenoh router at {router}: start one (ros2 run rmw_zenoh_cpp rmw_zenohd), or name it in ZENOH_CONFIG_OVERRIDE: {error}")
-        })?;
+        let session = open(router)?;
         let id = session.zid().to_string();
         heard.state().graph = Graph::new(domain, id.clone());
-        let on_token = {
-            let heard = heard.clone();
-            move |sample: Sample| {
-                let key = sample.key_expr().as_str();
-                heard.with(|state| match sample.kind() {
-                    SampleKind::Put => state.graph.add(key),
-                    SampleKind::Delete => state.graph.remove(key),
-                });
-            }
-        };
-        let tokens = names::tokens(domain);
-        let subscriber = session.liveliness().declare_subscriber(&tokens).history(true).callback(on_token);
-        let subscriber = subscriber.wait().map_err(refused)?;
-        // Everything that is there is known before the first look.
-        let there = session.liveliness().get(&tokens).timeout(GRAPH_WITHIN).wait().map_err(refused)?;
-        while let Ok(reply) = there.recv() {
-            if let Ok(sample) = reply.result() {
-                heard.state().graph.add(sample.key_expr().as_str());
-            }
-        }
         Ok(Session {
             domain,
             heard: heard.clone(),
@@ -182,23 +173,12 @@ impl Session {
             node_of: BTreeMap::new(),
             readers: BTreeMap::new(),
             writers: BTreeMap::new(),
-            _tokens: Box::new(subscriber),
         })
     }
 
-    /// Asks the router for tokens that nobody has. It says when it has told all of them, while it works.
     fn beat(&mut self, number: u64) -> Result<(), String> {
-        if self.session.info().routers_zid().wait().next().is_none() {
-            return Err("the Zenoh router is gone".to_owned());
-        }
-        let answered = Answered { heard: self.heard.clone(), number };
-        let nobody = format!("{NOBODY}/{}", self.id);
-        let get = self.session.liveliness().get(nobody).timeout(UNANSWERED);
-        get.callback(move |_: Reply| {
-            let _ = &answered;
-        })
-        .wait()
-        .map_err(refused)
+        let heard = self.heard.clone();
+        ask(&self.session, move || heard.with(|state| state.echo = state.echo.max(number)))
     }
 
     fn obey(&mut self, order: Order) -> Result<(), String> {
@@ -354,12 +334,14 @@ impl Session {
 
     /// Calls a service.
     fn call(&self, channel: &Channel, payload: Bytes, attached: Attachment, own: Guid) -> Result<(), String> {
-        let (hash, readers) = {
+        let (hashes, readers) = {
             let state = self.heard.state();
-            let hash = state.graph.hashes(channel).next().cloned();
-            (hash, state.readers(&(channel.clone(), Part::Reply)))
+            let hashes = state.graph.hashes(channel, Kind::Server).map(str::to_owned).collect::<Vec<_>>();
+            (hashes, state.readers(&(channel.clone(), Part::Reply)))
         };
-        let Some(hash) = hash else { return Err("its service is being discovered still".to_owned()) };
+        if hashes.is_empty() {
+            return Err("its service is being discovered still".to_owned());
+        }
         let heard = self.heard.clone();
         let request = SampleId { writer: own, sequence: attached.sequence };
         let on_reply = move |reply: Reply| {
@@ -371,9 +353,12 @@ impl Session {
                 }
             }
         };
-        let get = self.session.get(channel.key(self.domain, &hash)).payload(payload.as_ref());
-        let get = get.attachment(attached.bytes()).target(QueryTarget::AllComplete);
-        get.consolidation(ConsolidationMode::None).callback(on_reply).wait().map_err(refused)
+        // Those that nobody serves were announced all the same.
+        hashes.iter().try_for_each(|hash| {
+            let get = self.session.get(channel.key(self.domain, hash)).payload(payload.as_ref());
+            let get = get.attachment(attached.bytes()).target(QueryTarget::AllComplete);
+            get.consolidation(ConsolidationMode::None).callback(on_reply.clone()).wait().map_err(refused)
+        })
     }
 
     /// Declares our nodes, and the readers and writers that they announce, by tokens.
@@ -399,7 +384,7 @@ impl Session {
             else {
                 continue;
             };
-            let known = self.heard.state().graph.hashes(channel).next().cloned();
+            let known = self.heard.state().graph.hashes(channel, kind.other()).next().map(str::to_owned);
             let hash = known.unwrap_or_else(|| hashes::of(&channel.type_name).to_owned());
             let token = Token {
                 session: self.id.clone(),
@@ -435,11 +420,11 @@ impl OpenWriter {
     fn publishers(&mut self, domain: u16, session: &zenoh::Session, heard: &Heard) -> Result<(), String> {
         let (channel, _) = &self.channel;
         let own = hashes::of(&channel.type_name).to_owned();
-        let wanted: Vec<String> = std::iter::once(own)
-            .chain(heard.state().graph.hashes(channel).take(HASHES_MAX).cloned())
-            .collect();
+        let mut wanted = BTreeSet::from([own]);
+        wanted.extend(heard.state().graph.hashes(channel, Kind::Subscriber).map(str::to_owned));
+        self.publishers.retain(|hash, _| wanted.contains(hash));
         for hash in wanted {
-            if self.publishers.contains_key(&hash) || self.publishers.len() > HASHES_MAX {
+            if self.publishers.contains_key(&hash) {
                 continue;
             }
             let mut publisher = session.declare_publisher(channel.key(domain, &hash)).advanced();
