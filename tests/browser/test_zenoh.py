@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import struct
+import subprocess
 import sys
 import signal
 import time
@@ -63,9 +64,12 @@ def states(client):
     return {name: group["state"] for name, group in groups(client).items()}
 
 
-def test_a_vehicle_is_diagnosed_and_led_over_zenoh(router, tmp_path):
+@pytest.mark.parametrize("library", ["rmw_zenoh", "pyzeros_node"])
+def test_a_vehicle_is_diagnosed_and_led_over_zenoh(library, router, tmp_path):
+    # What compiles at the first use does it before the time counts.
+    subprocess.run([PYTHON, ROOT / f"tests/dds/{library}.py"], stdin=subprocess.DEVNULL, check=True, timeout=200)
     with router(), serving(tmp_path, flags=["--transport", "zenoh"]) as server:
-        vehicle = Vehicle(server.domain, tmp_path, options=ZENOH)
+        vehicle = Vehicle(server.domain, tmp_path, options=("--dds", library))
         try:
             client = prepare(server)
             vehicle.drive(True)

@@ -294,7 +294,7 @@ def crowd(participant, options):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domain", type=int, required=True)
-    parser.add_argument("--dds", choices=["cyclone", "fastdds", "rmw_zenoh"], default="cyclone")
+    parser.add_argument("--dds", choices=["cyclone", "fastdds", "rmw_zenoh", "pyzeros_node"], default="cyclone")
     parser.add_argument("--interface", default="lo", help="of Cyclone; it finds nobody by itself on any but lo")
     parser.add_argument("--lease-s", type=float, default=10.0, help="a peer that was killed is gone after so long")
     parser.add_argument("--announce-s", type=float, default=0.5, help="how often a peer announces itself")
