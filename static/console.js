@@ -81,7 +81,7 @@
   };
 
   const go = async () => {
-    // What is over does not change any more.
+    // A part that is over does not change any more.
     if (!part()) return;
     try {
       await renew();

@@ -112,7 +112,7 @@ def test_a_type_that_nobody_sends_blinds_no_monitor(site):
     until(lambda: "std_msgs/msg/Bool" in site.topics(), 30, "the stranger is found")
     text = site.writer("rt/text", "String", "text")
     site.repeat(lambda: text.write(text="here"))
-    until(lambda: site.is_ok("base/rate"), 20, lambda: f"what is sent is read: {site.module('base/rate')}")
+    until(lambda: site.is_ok("base/rate"), 20, lambda: f"the messages are read: {site.module('base/rate')}")
     # Nor does one that is announced later.
     site.writer("rt/text", "DiagnosticStatus", "later")
     until(lambda: "DiagnosticStatus" in site.topics(), 30, "the later stranger is found")

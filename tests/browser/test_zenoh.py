@@ -202,7 +202,7 @@ def test_no_token_ends_the_diagnosis(site):
     until(lambda: topics(site)[0].get("/forged/name"), 30, "the forged tokens are found")
     text = site.writer("rt/text", "String", "text")
     site.repeat(lambda: text.write(text="here"))
-    until(lambda: site.is_ok("base/rate"), 20, lambda: f"what is sent is read: {site.module('base/rate')}")
+    until(lambda: site.is_ok("base/rate"), 20, lambda: f"the messages are read: {site.module('base/rate')}")
     until(lambda: is_untouched(site, processes), 5, lambda: f"the vehicle is heard: {site.module('base/motor')}")
     site.forger.tell(forget=True)
     until(lambda: not topics(site)[0].get("/forged/name"), 30, "they are gone")

@@ -62,7 +62,7 @@ impl Caller {
         tokio::time::timeout(PATIENCE, wait).await.unwrap_or_else(|_| panic!("{path} is not as expected"))
     }
 
-    /// What comes out of the what-if with this number over this configuration.
+    /// The result of the what-if with this number over this configuration.
     async fn judged(&self, number: u64, text: &str) -> Value {
         let text: String = text.bytes().map(|it| format!("%{it:02X}")).collect();
         let form = format!("group=cause&of=sensors/velodyne_packet_alive&name=shuttle.yaml&text={text}");

@@ -1,5 +1,5 @@
 //! What-ifs over a group of incidents: the recordings of the group that were fetched are judged by another configuration,
-//! one after the other in the background. What came out stays on the disk.
+//! one after the other in the background. The result stays on the disk.
 
 use std::fs;
 use std::io;
@@ -81,7 +81,7 @@ pub enum Progress {
     Ended,
 }
 
-/// What came out for one recording.
+/// The result for one recording.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Judged {
     pub of: Chosen,
@@ -371,7 +371,7 @@ mod tests {
     use std::sync::mpsc;
     use telltale_record::file::IncidentFile;
 
-    /// A console's folder with the recording 1 of vehicle `a`, of which nothing can be read but that it is one.
+    /// A console's folder with the recording 1 of vehicle `a`, a file with nothing but its beginning.
     fn folder() -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
         let own = folder.path().join(crate::recordings::FOLDER).join("a");

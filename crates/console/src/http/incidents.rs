@@ -40,7 +40,7 @@ struct GroupHtml {
     more: Option<String>,
     versions: String,
     last: String,
-    /// Where its what-if is begun, by those who may.
+    /// The address of its what-if; `None` for all but engineers.
     what_if: Option<String>,
 }
 

@@ -216,7 +216,7 @@ pub const WHAT_IF: Told = (
     &Operation {
         id: "what_if",
         tag: Tag::Incidents,
-        summary: "What came out of a what-if so far",
+        summary: "The result of a what-if so far",
         about: "A CSV has its rows alone: one for each recording that was judged.",
         in_path: &[WHAT_IF_NUMBER],
         query: Some(of::<TableAsked>),
@@ -257,7 +257,7 @@ pub const WHAT_IF_CANCEL: Told = (
         id: "what_if_cancel",
         tag: Tag::Incidents,
         summary: "End a what-if before its end",
-        about: "What came out so far stays.",
+        about: "The result so far stays.",
         in_path: &[WHAT_IF_NUMBER],
         answer: Content::Begun,
         refusals: &[

@@ -1,4 +1,4 @@
-//! What-ifs over groups of incidents: an engineer gives a configuration, and whoever has the link sees what came out.
+//! What-ifs over groups of incidents: an engineer gives a configuration, and all who have the link see the result.
 
 use std::sync::Arc;
 
@@ -98,7 +98,7 @@ impl Line {
     }
 }
 
-/// What came out, for programs.
+/// The result, for programs.
 #[derive(Serialize, JsonSchema)]
 #[schemars(rename = "WhatIfResult")]
 pub struct Answer {
@@ -106,7 +106,7 @@ pub struct Answer {
     line: Line,
     /// What the configuration means otherwise than that of the first recording that was judged.
     differences: Vec<String>,
-    /// What is wrong with the configuration, each with its place.
+    /// The mistakes of the configuration, each with its place.
     problems: Vec<String>,
     rows: Vec<AnswerRow>,
 }
@@ -226,7 +226,7 @@ struct StateHtml {
     it: &'static IncidentWords,
     line: Line,
     is_open: bool,
-    /// Of those who may start and cancel.
+    /// Engineers may start and cancel.
     is_engineer: bool,
     frame_id: String,
     counted: String,
@@ -236,7 +236,7 @@ struct StateHtml {
     unread: Vec<RowHtml>,
     same: Vec<RowHtml>,
     heads: [String; 3],
-    /// With the configuration of which recording.
+    /// The recording with the configuration that it is compared with.
     compared_with: String,
     differences: Vec<String>,
     more: Option<String>,
@@ -279,7 +279,7 @@ impl RowHtml {
     }
 }
 
-/// What was said of it, in the place where the text has it.
+/// The mistake, in the place where the text has it.
 fn mistake(
     Mistake { file, line, column, message, help }: &Mistake,
     texts: &[ConfigurationText],
@@ -336,7 +336,7 @@ fn only_newest(chosen: usize, fetched: usize, lang: Lang) -> Option<String> {
     (chosen < fetched).then(|| lang.newest_judged(chosen, fetched))
 }
 
-/// `GET /incidents/what-if?group=cause&of=NAME&from=NUMBER`: what is to be judged, and the configuration to change.
+/// `GET /incidents/what-if?group=cause&of=NAME&from=NUMBER`: the recordings, and the configuration to change.
 pub async fn form(
     State(console): State<Console>,
     SignedIn(session): SignedIn,
@@ -449,7 +449,7 @@ pub async fn cancel(
     })
 }
 
-/// `GET /what-ifs/NUMBER`: what came out so far.
+/// `GET /what-ifs/NUMBER`: the result so far.
 pub async fn page(
     State(console): State<Console>,
     SignedIn(session): SignedIn,
@@ -541,7 +541,7 @@ pub async fn all(
     table.answer(Format::of(asked.format, &headers), &rows)
 }
 
-/// `GET /api/v1/what-ifs/NUMBER?format`: what came out so far; a CSV has the rows alone.
+/// `GET /api/v1/what-ifs/NUMBER?format`: the result so far; a CSV has the rows alone.
 pub async fn one(
     State(console): State<Console>,
     _: SignedIn,

@@ -1,4 +1,4 @@
-//! What-ifs over a group: who starts them, who sees what came out, and what is refused.
+//! What-ifs over a group: who starts them, who sees the result, and what the console refuses.
 
 use super::*;
 use crate::state::recordings::Step;

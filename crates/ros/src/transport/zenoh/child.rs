@@ -187,11 +187,11 @@ impl Child {
     /// Without a router all tokens go: that one is gone counts once the router has answered a question after it.
     fn look_after_tokens(&mut self, state: &mut State, now: Timestamp) -> Result<(), String> {
         if state.there > TOKENS_MAX && self.follow_at.is_none() {
-            // What is known stays. The library has no bound of its own.
+            // Known ones stay. The library has no bound of its own.
             self.follow(state, Follow::End, Some(now + PAUSE))?;
             state.graph.cut = state.graph.cut.max(1);
         } else if state.echo > 0 && self.follow_at.is_some_and(|at| now >= at) {
-            // What is not told of again is gone.
+            // Those that are not told of again are gone.
             state.graph.lose_all();
             self.late_until = now + PATIENCE;
             self.follow(state, Follow::Begin(state.following + 1), None)?;

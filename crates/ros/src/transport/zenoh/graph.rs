@@ -119,7 +119,7 @@ impl Graph {
         self.cut = 0;
     }
 
-    /// Whether there are tokens of which the router has to be asked.
+    /// Whether the router has to be asked about tokens.
     pub fn asks(&mut self) -> bool {
         self.asked.append(&mut self.lost);
         !self.asked.is_empty()
