@@ -485,10 +485,13 @@ impl Vehicle {
         if is_connected {
             if !is_waiting {
                 let sent = self.waiting_since.map_or(due, |since| since + DELTAS_WAIT);
-                let order = self.delivery.order(true, now);
-                due = due.min(sent.max(now + Span::from_millis(100)));
-                if let Order::Until(then) = order {
-                    due = due.min(then.max(now + Span::from_millis(1)));
+                let soon = now + Span::from_millis(100);
+                due = due.min(sent.max(soon));
+                match self.delivery.order(self.is_worth_sending(now), now) {
+                    Order::Until(then) => due = due.min(then.max(now + Span::from_millis(1))),
+                    // Its time came after it was asked for.
+                    Order::Ask | Order::Send { .. } => due = due.min(soon),
+                    Order::Rest => {}
                 }
                 let has_piece = self.sending.is_some() && !self.is_worth_sending(now);
                 if let Some(then) = self.delivery.piece_at().filter(|_| has_piece) {
