@@ -25,11 +25,11 @@ const UNTAKEN_MAX: usize = WINDOW_BYTES + BODY_BYTES_MAX + 2 * SAMPLE_BYTES;
 /// Participants that are remembered: those that are lost, and those that were discovered.
 const PARTICIPANTS_MAX: usize = 1024;
 
-/// When the library lost a participant, and whether it has discovered it again.
+/// When the library lost a participant, or discovered a lost one again.
 #[derive(Debug, Clone, Copy)]
 pub struct Loss {
     pub at: Timestamp,
-    pub is_back: bool,
+    pub change: Change,
 }
 
 /// The messages of a reader.
@@ -240,11 +240,8 @@ impl Shared {
                 self.announced.is_heard(&participant);
             }
             Change::Left => self.announced.has_left(&participant),
-            Change::Lost | Change::Back => {
-                if change == Change::Back {
-                    self.announced.is_heard(&participant);
-                }
-                let loss = Loss { at: self.announced.now(), is_back: change == Change::Back };
+            Change::Lost | Change::Back | Change::Copied => {
+                let loss = Loss { at: self.announced.now(), change };
                 let mut lost = lock(&self.lost);
                 if lost.len() < PARTICIPANTS_MAX {
                     lost.insert(participant, loss);

@@ -154,10 +154,8 @@ impl Announced {
 
     /// The library has heard a participant, perhaps by an announcement to itself alone.
     pub fn is_heard(&self, prefix: &Prefix) {
-        let now = self.clock.now();
-        let mut table = lock(&self.table);
-        if let Some(known) = table.participants.get_mut(prefix).filter(|known| known.may_be_heard(now)) {
-            (known.heard, known.left) = (now, None);
+        if let Some(known) = lock(&self.table).participants.get_mut(prefix) {
+            known.heard = self.clock.now();
         }
     }
 
@@ -253,11 +251,6 @@ impl Known {
         self.left.is_none() && now < self.ends()
     }
 
-    /// Whether a message is news: those from before it left may come by another way.
-    fn may_be_heard(&self, now: Timestamp) -> bool {
-        self.left.is_none_or(|left| now.since(left) >= LEAVING)
-    }
-
     fn lease_of_copy(&self, now: Timestamp) -> Option<Span> {
         let lease = self.announcement.lease;
         let left = if lease > LEASE_MAX { lease } else { self.ends().since(now) };
@@ -278,7 +271,8 @@ impl Table {
         };
         let packet = Box::from(if packet.len() > KEPT_BYTES_MAX { &[] } else { packet });
         if let Some(known) = self.participants.get_mut(&announcement.prefix) {
-            if known.may_be_heard(now) {
+            // Its messages from before it left may come by another way.
+            if known.left.is_none_or(|left| now.since(left) >= LEAVING) {
                 (known.announcement, known.packet) = (announcement, packet);
                 (known.heard, known.left) = (now, None);
             }

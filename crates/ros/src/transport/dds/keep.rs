@@ -16,7 +16,7 @@ use super::spdp;
 use crate::every;
 use crate::transport::ids::{Prefix, prefix};
 use crate::transport::inbox::{Loss, Shared};
-use crate::transport::wire::Order;
+use crate::transport::wire::{Change, Order};
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::sample_bytes::Guid;
 
@@ -135,9 +135,11 @@ enum Judgement {
 fn judge(loss: Loss, life: Life, has_endpoints: bool) -> Judgement {
     let heard_again = |heard: Timestamp| heard > loss.at;
     match life {
-        // A copy of an announcement that was under way while it left. The library loses it once more.
-        Life::Over if loss.is_back => Judgement::Wait,
-        _ if loss.is_back => Judgement::Replace("a participant is back that the DDS library had lost"),
+        // The copy was under way while it left. The library loses it once more.
+        Life::Over if loss.change == Change::Copied => Judgement::Wait,
+        _ if loss.change != Change::Lost => {
+            Judgement::Replace("a participant is back that the DDS library had lost")
+        }
         Life::Heard(heard) if heard_again(heard) => {
             Judgement::Replace("a participant lives that the DDS library has lost")
         }
@@ -157,15 +159,16 @@ mod tests {
     #[test]
     fn nobody_is_gone_who_lives_or_may_live() {
         let at = Timestamp::from_millis;
-        let lost = Loss { at: at(5000), is_back: false };
+        let lost = Loss { at: at(5000), change: Change::Lost };
         let is_replaced = |judgement| matches!(judgement, Judgement::Replace(_));
         assert_eq!(judge(lost, Life::Heard(at(4000)), true), Judgement::Wait);
         assert!(is_replaced(judge(lost, Life::Heard(at(5001)), false)));
         assert_eq!(judge(lost, Life::Over, true), Judgement::Over);
         assert!(is_replaced(judge(lost, Life::Unheard, true)), "the library alone hears it");
         assert_eq!(judge(lost, Life::Unheard, false), Judgement::Over);
-        let back = Loss { is_back: true, ..lost };
-        assert!(is_replaced(judge(back, Life::Heard(at(4000)), true)));
-        assert_eq!(judge(back, Life::Over, true), Judgement::Wait, "it has just left");
+        let [back, copied] = [Change::Back, Change::Copied].map(|change| Loss { change, ..lost });
+        assert!(is_replaced(judge(back, Life::Over, true)));
+        assert!(is_replaced(judge(copied, Life::Heard(at(4000)), true)));
+        assert_eq!(judge(copied, Life::Over, true), Judgement::Wait, "it has just left");
     }
 }

@@ -50,17 +50,18 @@ impl Losses {
         match change {
             Change::Left => drop(self.doubtful.remove(&participant)),
             Change::Lost if self.doubtful.len() < PARTICIPANTS_MAX => drop(self.doubtful.insert(participant)),
-            Change::Here | Change::Lost | Change::Back => {}
+            Change::Here | Change::Lost | Change::Back | Change::Copied => {}
         }
         Some((participant, change))
     }
 
     /// The meaning of a participant that the library finds: none if that is the answer to a copy of its announcement.
     fn found(&self, participant: &Prefix, is_copy: bool) -> Option<Change> {
-        match self.once.contains(participant) {
-            true => Some(Change::Back),
-            false if is_copy => None,
-            false => Some(Change::Here),
+        match (self.once.contains(participant), is_copy) {
+            (true, true) => Some(Change::Copied),
+            (true, false) => Some(Change::Back),
+            (false, true) => None,
+            (false, false) => Some(Change::Here),
         }
     }
 
@@ -143,7 +144,10 @@ mod tests {
                 [None, Some(Change::Here)]
             );
             losses.hear(&lost(2, reason));
-            assert_eq!([true, false].map(|is_copy| losses.found(&[2; 12], is_copy)), [Some(Change::Back); 2]);
+            assert_eq!(
+                [true, false].map(|is_copy| losses.found(&[2; 12], is_copy)),
+                [Change::Copied, Change::Back].map(Some)
+            );
             losses.forget(&[2; 12]);
             assert_eq!(losses.found(&[2; 12], false), Some(Change::Back), "however long it was away");
         }

@@ -131,8 +131,10 @@ pub enum Change {
     Left,
     /// It was lost, and was discovered again. The library does not match its endpoints again.
     Back,
+    /// As [`Change::Back`], by a copy of its announcement, which may have been under way while it left.
+    Copied,
 }
 
 impl Change {
-    pub const ALL: [Change; 4] = [Change::Here, Change::Lost, Change::Left, Change::Back];
+    pub const ALL: [Change; 5] = [Change::Here, Change::Lost, Change::Left, Change::Back, Change::Copied];
 }
