@@ -122,7 +122,7 @@ async fn the_fetched_recordings_of_a_group_are_judged_by_another_configuration()
     let groups = caller.told("/api/v1/incidents?group=cause", |groups| groups[0]["fetched"] == 1).await;
     assert_eq!(groups[0]["count"], 2, "{groups}");
 
-    // It begins with the recorded configuration, by which nothing differs.
+    // It begins with the recorded configuration, so nothing differs.
     let form = caller.get("/incidents/what-if?group=cause&of=sensors/velodyne_packet_alive").await;
     assert!(form.contains("depends_on: [sensors/velodyne_packet_alive, can/wheel_speed]"), "{form}");
     let told = caller.judged(1, SHUTTLE).await;

@@ -252,7 +252,7 @@ async fn recordings_are_proven_by_the_store_and_by_the_audit_log() {
         code == Some(0) && out.contains("incident 18 never began: ") && out.contains("is empty"),
         "{out}"
     );
-    // A moment is marked in the one that lasts.
+    // A moment is marked in incident 4, which lasts.
     let mark = Record::of(Action::Mark, "dora").on("4: crash: at the gate");
     folder.store.as_ref().unwrap().record(mark, None).await;
     folder.end_server().await;

@@ -41,7 +41,7 @@ const FILE_BYTES_MAX: u64 = 32 << 20;
 pub struct WhatIf {
     pub number: u64,
     pub by: GroupBy,
-    /// What the incidents have in common.
+    /// The cause, version or configuration of these incidents.
     pub group: String,
     pub who: String,
     pub began_ms: i64,
@@ -52,9 +52,9 @@ pub struct WhatIf {
     /// The SHA-256 of that.
     pub config: String,
     pub progress: Progress,
-    /// Those that are judged, the newest first.
+    /// The recordings to judge, the newest first.
     pub chosen: Vec<Chosen>,
-    /// What the configuration means otherwise than that of the first recording that was judged.
+    /// The differences in meaning from the configuration of the first recording that was judged.
     pub differences: Vec<String>,
     /// In the order of `chosen`.
     pub judged: Vec<Judged>,
@@ -240,12 +240,12 @@ impl WhatIfs {
         Some(number)
     }
 
-    /// Ends one that is open. Returns whether it was.
+    /// Ends a what-if. Returns whether it was open.
     pub fn cancel(&self, number: u64) -> bool {
         self.change(number, |it| it.progress = Progress::Cancelled)
     }
 
-    /// Changes one that is open, and writes it if it is over then. Returns whether it was open.
+    /// Changes an open what-if, and writes it to the disk if that ends it. Returns whether it was open.
     fn change(&self, number: u64, change: impl FnOnce(&mut WhatIf)) -> bool {
         let mut all = self.all();
         let open = all.what_ifs.iter_mut().find(|it| it.number == number && it.is_open());
@@ -349,7 +349,7 @@ impl WhatIfs {
     }
 }
 
-/// One that is kept. One that was open ended with the console.
+/// Reads a what-if from the disk. The console ended while it ran, if it is open there.
 fn read(path: &Path) -> Option<WhatIf> {
     let about = fs::symlink_metadata(path).ok()?;
     if path.extension()? != "json" || !about.is_file() || about.len() > FILE_BYTES_MAX {

@@ -123,7 +123,7 @@ pub struct Settings {
     pub history: Option<History>,
     /// The participants and topics that DDS discovery knows; `None` without DDS.
     pub discovery: Option<watch::Receiver<Arc<Discovery>>>,
-    /// When the task that listens to the vehicle last did its work, and the one that sends to it; none without DDS.
+    /// When the listening task and the sending task last did their work; empty without DDS.
     pub working: Vec<watch::Receiver<Timestamp>>,
     /// The folder of the recordings.
     pub recordings: Option<PathBuf>,

@@ -39,7 +39,7 @@ const DIFFERENCES_MAX: usize = 50;
 #[schemars(rename = "WhatIf")]
 pub struct Line {
     pub number: u64,
-    /// What the incidents have in common: `cause`, `version` or `config`, and which one.
+    /// The kind of the group: `cause`, `version` or `config`. `of` names the group.
     pub group: &'static str,
     pub of: String,
     pub who: String,
@@ -53,7 +53,7 @@ pub struct Line {
     pub incidents: usize,
     pub fetched: usize,
     pub chosen: usize,
-    /// So many are judged, and how many of these differ, do not, and could not be judged.
+    /// Judged so far; of these with a difference, without one, and unreadable.
     pub judged: usize,
     pub differs: usize,
     pub same: usize,
@@ -104,7 +104,7 @@ impl Line {
 pub struct Answer {
     #[serde(flatten)]
     line: Line,
-    /// What the configuration means otherwise than that of the first recording that was judged.
+    /// The differences in meaning from the configuration of the first recording that was judged.
     differences: Vec<String>,
     /// The mistakes of the configuration, each with its place.
     problems: Vec<String>,
@@ -327,7 +327,7 @@ impl Console {
     }
 }
 
-/// Where a what-if over a group is begun.
+/// The address of the form for a what-if over a group.
 pub fn form_address(by: GroupBy, group: &str) -> String {
     format!("/incidents/what-if?group={}&of={}", by.as_str(), address(group))
 }

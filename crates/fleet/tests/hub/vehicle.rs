@@ -20,7 +20,7 @@ use tokio::task::JoinHandle;
 
 use super::server::Hub;
 
-/// Publishes again and again, as an engine does to which nothing happens.
+/// Publishes again and again, as an idle engine does.
 async fn pulse(snapshots: watch::Sender<Arc<Snapshot>>) {
     while !snapshots.is_closed() {
         tokio::time::sleep(Duration::from_millis(250)).await;

@@ -32,7 +32,7 @@ pub struct IncidentRecords {
     notes: BTreeMap<u64, (String, String)>,
     /// Whether each was kept last.
     kept: BTreeMap<u64, bool>,
-    /// Those in which a moment was marked.
+    /// Incidents with a marked moment.
     marked: BTreeSet<u64>,
 }
 

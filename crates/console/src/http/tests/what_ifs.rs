@@ -1,4 +1,4 @@
-//! What-ifs over a group: who starts them, who sees the result, and what the console refuses.
+//! What-ifs over a group: the roles that start them and see the result, and the requests that the console refuses.
 
 use super::*;
 use crate::state::recordings::Step;

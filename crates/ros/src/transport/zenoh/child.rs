@@ -191,7 +191,7 @@ impl Child {
             self.follow(state, Follow::End, Some(now + PAUSE))?;
             state.graph.cut = state.graph.cut.max(1);
         } else if state.echo > 0 && self.follow_at.is_some_and(|at| now >= at) {
-            // Those that are not told of again are gone.
+            // A token that the router does not tell of again is gone.
             state.graph.lose_all();
             self.late_until = now + PATIENCE;
             self.follow(state, Follow::Begin(state.following + 1), None)?;

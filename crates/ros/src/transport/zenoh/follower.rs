@@ -1,4 +1,4 @@
-//! The session by which the graph is followed, on a thread of its own. The messages have another one: they would wait
+//! The session that follows the graph, on a thread of its own. The messages have another session: they would wait
 //! behind the tokens, and the library needs the longer for a token the more there are.
 
 use std::any::Any;

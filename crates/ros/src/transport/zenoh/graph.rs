@@ -15,7 +15,7 @@ use telltale_msg::services::ZENOH;
 
 /// Places that no session loses to others.
 const SHARE: usize = 256;
-/// Types of one topic, by their hashes, on which Telltale publishes.
+/// Telltale publishes on so many types of one topic, by their hashes.
 const HASHES_MAX: usize = 8;
 /// The entity of a session that announces its nodes.
 const ANNOUNCER: u32 = u32::MAX;
@@ -44,7 +44,7 @@ pub struct Graph {
     asked: BTreeSet<(Prefix, String)>,
 }
 
-/// The tokens of the sessions with ids that begin alike. So one that forges an id takes nothing from the true one.
+/// The tokens of the sessions with ids that begin alike. So a forged id takes nothing from the true session.
 #[derive(Debug, Default)]
 struct Session {
     tokens: BTreeMap<String, Token>,
