@@ -177,6 +177,13 @@ struct All {
     is_working: bool,
 }
 
+impl All {
+    fn has_room(&self, who: &str) -> bool {
+        let open = || self.what_ifs.iter().filter(|it| it.is_open());
+        open().count() < KEPT_MAX && open().all(|it| it.who != who)
+    }
+}
+
 impl WhatIfs {
     /// Reads those that are kept in a data folder.
     pub fn open(data: &Path, clock: Clock, examiner: Examiner) -> Arc<WhatIfs> {
@@ -205,17 +212,15 @@ impl WhatIfs {
 
     /// Whether this user may start another one: each has one that is open, and there is room.
     pub fn has_room(&self, who: &str) -> bool {
-        let all = self.all();
-        let open = || all.what_ifs.iter().filter(|it| it.is_open());
-        open().count() < KEPT_MAX && open().all(|it| it.who != who)
+        self.all().has_room(who)
     }
 
     /// Starts one, and returns its number. `None`: there is no room. It writes to the disk.
     pub fn start(self: &Arc<Self>, what_if: WhatIf) -> Option<u64> {
-        if !self.has_room(&what_if.who) {
+        let mut all = self.all();
+        if !all.has_room(&what_if.who) {
             return None;
         }
-        let mut all = self.all();
         while all.what_ifs.len() >= KEPT_MAX {
             let index = all.what_ifs.iter().position(|it| !it.is_open())?;
             let oldest = all.what_ifs.remove(index);
@@ -235,6 +240,8 @@ impl WhatIfs {
             if let Err(error) = std::thread::Builder::new().name("what-if".into()).spawn(work) {
                 tracing::error!(%error, "no what-if is run");
                 all.is_working = false;
+                drop(all);
+                self.change(number, |it| it.progress = Progress::Ended);
             }
         }
         Some(number)
