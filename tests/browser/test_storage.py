@@ -143,12 +143,17 @@ def no_clearance(client):
     assert refused.value.code == 409 and "Nothing can be recorded" in said, (refused.value.code, said)
 
 
+def recording_of(developer, number):
+    """What the list says of the recording of an incident."""
+    listed = json.load(developer.opener.open(f"{developer.server.url}/api/v1/incidents", timeout=10))
+    return next((it["recording"] for it in listed if it["id"] == number), {})
+
+
 def recorded(client, server):
     """Waits until an incident that is marked now is finished, verifies it, and returns its story."""
     number = until(lambda: mark(client), NOTICE_S, "incidents are recorded again")
     developer = Client(server, *DEVELOPER)
-    listed = lambda: {it["id"]: it["recording"] for it in json.load(developer.opener.open(f"{server.url}/api/v1/incidents", timeout=10))}
-    until(lambda: listed().get(number, {}).get("finished"), 60, listed)
+    until(lambda: recording_of(developer, number).get("finished"), 60, lambda: recording_of(developer, number))
     told = server.inside(f"{TELLTALE} incident verify {number} --data .")
     assert f"ok    incident {number}:" in told, told
     one = json.load(developer.opener.open(f"{server.url}/api/v1/incidents/{number}", timeout=10))
@@ -197,6 +202,19 @@ def test_a_mark_that_a_full_disk_does_not_take_is_refused_and_leaves_nothing(mou
     mounted.inside("rm incidents/fill incidents/rest")
     until(lambda: recording_off(client) is None, NOTICE_S, "the warning ends")
     recorded(client, mounted)
+    mounted.inside(f"umount -l {folder}")
+
+
+def test_an_incident_that_a_full_disk_cuts_off_is_whole_soon_after_there_is_room(mounted):
+    client, developer = Client(mounted, *OPERATOR), Client(mounted, *DEVELOPER)
+    folder = mounted.data / "incidents"
+    mounted.inside(f"mount -t tmpfs -o size=8m,mode=0700 tmpfs {folder}")
+    number = mark(client)
+    mounted.inside(f"cd incidents; {FILL}")
+    until(lambda: recording_of(developer, number).get("interrupted"), 60, lambda: recording_of(developer, number))
+    mounted.inside("rm incidents/fill incidents/rest")
+    until(lambda: recording_of(developer, number).get("finished"), 30, lambda: recording_of(developer, number))
+    assert f"incident {number}:" in mounted.inside(f"{TELLTALE} incident verify {number} --data .")
     mounted.inside(f"umount -l {folder}")
 
 

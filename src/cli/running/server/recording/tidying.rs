@@ -12,7 +12,7 @@ use tokio::task;
 use crate::cli::running::server::left_over;
 use crate::clock::Clock;
 use crate::clock::unix_ms;
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Span, Timestamp};
 use crate::record::proof::is_changed;
 use crate::record::recorder::Recorder;
 use crate::record::retention::{Held, Policy, judged_ms, surplus_without_changed};
@@ -22,8 +22,11 @@ use crate::record::{folder, found, note_file, removed};
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{IncidentRecords, Store};
 
-/// Old recordings are looked for this often.
-const TIDY_EVERY: Duration = Duration::from_secs(600);
+/// Old recordings, and those that are not whole, are looked for this often.
+const TIDY_EVERY: Span = Span::from_secs(600);
+
+/// Those that are not whole are looked for this soon after room was short: what a full disk interrupted has room again.
+const WHOLE_AFTER: Span = Span::from_secs(10);
 
 /// Where room is short, they are looked for again after this time.
 const TIDY_AGAIN: Duration = Duration::from_millis(250);
@@ -48,7 +51,7 @@ pub(super) async fn look_after(
     let Kept { store, folder, recorder, room, clock } = &kept;
     left_over::take_in(store, folder, files).await;
     let mut told = BTreeSet::new();
-    let mut is_time = true;
+    let mut whole_at = clock.now();
     loop {
         let policy = *policies.borrow_and_update();
         room.follow(&policy);
@@ -59,16 +62,20 @@ pub(super) async fn look_after(
             }
             Err(error) => tracing::error!(%error, "old recordings are not removed"),
         }
-        if is_time {
+        if clock.now() >= whole_at {
             // After a fault of the disk. What is not interrupted is being written, or its row soon is.
             let is_left = |it: &Summary| !it.recording.interrupted || recorder.writes(it.id);
             left_over::make_whole(store, folder, &policy, is_left).await;
+            whole_at = clock.now() + TIDY_EVERY;
         }
         tokio::time::sleep(TIDY_AGAIN).await;
-        is_time = tokio::select! {
-            changed = policies.changed() => if changed.is_err() { return } else { true },
-            () = room.short() => false,
-            () = tokio::time::sleep(TIDY_EVERY) => true,
+        tokio::select! {
+            changed = policies.changed() => match changed {
+                Ok(()) => whole_at = clock.now(),
+                Err(_) => return,
+            },
+            () = room.short() => whole_at = whole_at.min(clock.now() + WHOLE_AFTER),
+            () = tokio::time::sleep_until(clock.instant(whole_at).into()) => {}
         }
     }
 }
