@@ -8,6 +8,7 @@ import signal
 import subprocess
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from websockets.sync.client import connect
@@ -94,7 +95,14 @@ class Watched:
         return time.monotonic() - float(message.split()[1])
 
     def wait_for_data(self, seconds=BACK_S):
-        until(lambda: self.age_s() < 0.5, seconds, lambda: f"data are back:\n{self.server.read_log()[-3000:]}")
+        until(lambda: self.age_s() < 0.5, seconds, lambda: f"data are back: {self.described()}\n{self.server.read_log()[-3000:]}")
+
+    def described(self):
+        """The module, the publishers, and the threads of the server and its processes, for somebody who looks for the cause."""
+        threads = ["ps", "-L", "-o", "pid,stat,time,rss,wchan:20,comm", "-p", ",".join(map(str, [self.server.process.pid, *self.server.children()]))]
+        shown = subprocess.run(threads, text=True, capture_output=True).stdout
+        said = [Path(it.program.log.name).read_text()[-200:] for it in (self.diagnostics, self.signal)]
+        return f"{self.module(STATUS)}, at {time.monotonic():.3f}; {self.troubles}; {said}\n{shown}"
 
     def wait_for_fault(self):
         until(self.is_down, 10, lambda: f"the fault is shown:\n{self.server.read_log()[-3000:]}")
