@@ -79,6 +79,8 @@ pub struct Shared {
     /// Endpoints of topics of ours that are not followed.
     pub cut_of_ours: AtomicU32,
     said_cut: AtomicBool,
+    /// The process has made its participant.
+    pub is_ready: AtomicBool,
     /// The number of the process's beats, and the newest beat that it heard itself.
     pub beats: AtomicU64,
     pub heard: AtomicU64,
@@ -101,6 +103,7 @@ impl Shared {
             over: watch::channel(false).0,
             cut_of_ours: AtomicU32::new(0),
             said_cut: AtomicBool::new(false),
+            is_ready: AtomicBool::new(false),
             beats: AtomicU64::new(0),
             heard: AtomicU64::new(0),
         }
@@ -303,6 +306,7 @@ pub async fn receive(socket: OwnedReadHalf, shared: Arc<Shared>, ready: oneshot:
         let taken = wire::news(&frame).map_err(|_| "it says what makes no sense").and_then(|all| {
             all.into_iter().try_for_each(|news| match (news, &mut ready) {
                 (FromChild::Ready { guid, participant }, ready @ Some(_)) => {
+                    shared.is_ready.store(true, Ordering::Relaxed);
                     // The task that opened it may have given up.
                     let _ = ready.take().map(|ready| ready.send((guid, participant)));
                     Ok(())

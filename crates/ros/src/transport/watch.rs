@@ -25,10 +25,15 @@ const SILENT_MAX: u32 = 8;
 const LATE_MAX: u64 = 8;
 /// The same for a process that has heard none of its beats yet, if an earlier one heard itself here.
 const NEVER_HEARD_MAX: u64 = 12;
-/// A participant on this network has heard itself. Not every network permits that.
+/// A participant on this network has heard itself, or its announcement came back. Not every network permits that.
 static HEARS_ITSELF: AtomicBool = AtomicBool::new(false);
 /// Looks at which a process may still be ending by itself.
 const ENDING_MAX: u32 = 5;
+
+/// The network lets a participant hear itself.
+pub fn set_self_heard() {
+    HEARS_ITSELF.store(true, Ordering::Relaxed);
+}
 
 /// Whether the network lets a participant hear itself.
 pub fn is_self_heard() -> bool {
@@ -109,7 +114,7 @@ fn look_after(runner: &mut Runner, how: DdsProcess, shared: &Shared, closing: &m
     let mut health = Health::default();
     loop {
         if health.last.heard > 0 {
-            HEARS_ITSELF.store(true, Ordering::Relaxed);
+            set_self_heard();
         }
         let closed = match closing.recv_timeout(LOOK) {
             Err(mpsc::RecvTimeoutError::Timeout) => false,
@@ -131,6 +136,7 @@ fn look_after(runner: &mut Runner, how: DdsProcess, shared: &Shared, closing: &m
             return;
         }
         let told = ProcessFigures {
+            is_ready: shared.is_ready.load(Ordering::Relaxed),
             beats: shared.beats.load(Ordering::Relaxed),
             heard: shared.heard.load(Ordering::Relaxed),
             megabytes: runner.megabytes(),
@@ -180,6 +186,8 @@ fn describe(status: ExitStatus) -> String {
 /// The figures of a process at one look.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct ProcessFigures {
+    /// It has made its participant.
+    is_ready: bool,
     beats: u64,
     heard: u64,
     megabytes: u64,
@@ -200,10 +208,8 @@ impl Health {
         {
             return Some(format!("it takes {} MB of memory; its limit is {megabytes}", told.megabytes));
         }
-        // Until its first beat it makes its participant, and the caller waits for that only for a limited
-        // time.
-        let begun = told.beats > 0;
-        self.silent = if told.beats != last.beats || !begun { 0 } else { self.silent + 1 };
+        // The caller waits only for a limited time for the participant.
+        self.silent = if told.beats != last.beats || !told.is_ready { 0 } else { self.silent + 1 };
         if self.silent >= SILENT_MAX {
             return Some("it does not answer".to_owned());
         }
@@ -220,6 +226,7 @@ impl Health {
 mod tests {
     use super::*;
 
+    const READY: ProcessFigures = ProcessFigures { is_ready: true, beats: 0, heard: 0, megabytes: 0 };
     const HOW: DdsProcess = DdsProcess::Child { megabytes: 100, log: "text" };
 
     /// The look at which it is found ill, and why; `None` within 30 looks.
@@ -230,46 +237,35 @@ mod tests {
 
     #[test]
     fn a_process_that_is_well_is_left_alone() {
-        assert_eq!(
-            found_ill(true, |look| ProcessFigures { beats: look, heard: look, ..ProcessFigures::default() }),
-            None
-        );
+        assert_eq!(found_ill(true, |look| ProcessFigures { beats: look, heard: look, ..READY }), None);
         // Still making its participant.
         assert_eq!(found_ill(true, |_| ProcessFigures::default()), None);
         // On a network that lets nobody hear itself.
-        assert_eq!(
-            found_ill(false, |look| ProcessFigures { beats: look, ..ProcessFigures::default() }),
-            None
-        );
+        assert_eq!(found_ill(false, |look| ProcessFigures { beats: look, ..READY }), None);
         // The newest beat that it heard is a second old now and then.
-        let slow = |look| ProcessFigures { beats: look, heard: look / 5 * 5, ..ProcessFigures::default() };
+        let slow = |look| ProcessFigures { beats: look, heard: look / 5 * 5, ..READY };
         assert_eq!(found_ill(true, slow), None);
     }
 
     #[test]
     fn what_is_silent_deaf_or_too_large_is_found() {
-        let silent = found_ill(true, |look| ProcessFigures {
-            beats: look.min(4),
-            heard: look,
-            ..ProcessFigures::default()
-        });
+        let silent = found_ill(true, |look| ProcessFigures { beats: look.min(4), heard: look, ..READY });
         assert_eq!(silent, Some((12, "it does not answer".to_owned())));
-        let deaf = |heard: u64| {
-            move |look: u64| ProcessFigures {
-                beats: look,
-                heard: look.min(heard),
-                ..ProcessFigures::default()
-            }
-        };
+        assert_eq!(
+            found_ill(true, |_| READY),
+            Some((7, "it does not answer".to_owned())),
+            "before its first beat"
+        );
+        let deaf =
+            |heard: u64| move |look: u64| ProcessFigures { beats: look, heard: look.min(heard), ..READY };
         let found = |look, reason: &str| Some((look, reason.to_owned()));
         assert_eq!(found_ill(true, deaf(4)), found(12, "it hears nothing any more, or late"));
         let never = "it hears nothing, not even itself";
         assert_eq!(found_ill(true, deaf(0)), found(12, never), "from its beginning");
         // It still hears, but falls behind by half of the time.
-        let behind =
-            |look| ProcessFigures { beats: look, heard: look.div_ceil(2), ..ProcessFigures::default() };
+        let behind = |look| ProcessFigures { beats: look, heard: look.div_ceil(2), ..READY };
         assert_eq!(found_ill(true, behind), found(16, "it hears nothing any more, or late"));
-        let large = |look| ProcessFigures { beats: look, heard: look, megabytes: 99 + look };
+        let large = |look| ProcessFigures { beats: look, heard: look, megabytes: 99 + look, ..READY };
         assert_eq!(
             found_ill(true, large),
             Some((2, "it takes 101 MB of memory; its limit is 100".to_owned()))

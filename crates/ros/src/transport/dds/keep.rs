@@ -16,6 +16,7 @@ use super::spdp;
 use crate::every;
 use crate::transport::ids::{Prefix, prefix};
 use crate::transport::inbox::{Loss, Shared};
+use crate::transport::watch;
 use crate::transport::wire::{Change, Order};
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::sample_bytes::Guid;
@@ -87,6 +88,10 @@ async fn keep(
     loop {
         rounds.tick().await;
         announced.note_met(&shared.seen());
+        // A process that hangs before it has heard itself is known to be deaf only by this.
+        if announced.packet(&own).is_some() {
+            watch::set_self_heard();
+        }
         let age = announced.now().since(started);
         let is_old = age >= AGE_MIN;
         if age < ANNOUNCED_AGAIN_FOR
