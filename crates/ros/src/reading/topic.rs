@@ -264,7 +264,8 @@ impl Topic {
         let dds_type = &self.subscription.dds_type;
         let published = self.memory.writers.published(&sample.writer, sample.source, received);
         let troubles = &mut self.memory.troubles;
-        let verdict = self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type);
+        let came = (published == Published::Now).then_some((sample.source, received));
+        let verdict = self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type, came);
         // A message that two readers received came once.
         if verdict != Verdict::Skip {
             self.around.paces.take(&self.subscription.dds_topic, received);

@@ -5,16 +5,23 @@ mod missed;
 mod published;
 
 use std::collections::BTreeMap;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 pub use self::published::Published;
 use crate::transport::quality::Via;
-use telltale_engine::time::Timestamp;
+use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::sample_bytes::Guid;
 
 /// Writers whose last sequence number is remembered. More of them come only from publishers that come and
 /// go; then writers that are gone are forgotten.
 const REMEMBERED_MAX: usize = 1024;
+
+/// Lower numbers that go on for so long, without the last one, are of a writer that counts anew. A kept message that comes
+/// again is followed by the last one.
+const ANEW: Span = Span::from_secs(3);
+
+/// The clock of a writer is not set forward by more than this between two messages.
+const STAMP_AHEAD: Duration = Duration::from_secs(1);
 
 /// Writers that discovery has not told of; if there are more, all are forgotten.
 const UNDISCOVERED_MAX: usize = 256;
@@ -51,8 +58,7 @@ pub struct Writers {
     known: BTreeMap<Guid, Known>,
     /// Writers that discovery has not told of, and when their first message came.
     undiscovered: BTreeMap<Guid, Timestamp>,
-    /// The last sequence number of each writer: samples up to it were received before.
-    last: BTreeMap<Guid, i64>,
+    numbers: BTreeMap<Guid, Numbers>,
     /// The writer of the last sample that was handed over, since the present reader exists.
     spoke: Option<Guid>,
     /// Since the last report a message may have been missed that no writer tells again.
@@ -75,6 +81,47 @@ struct Known {
     reliably: bool,
     /// When its first message was received, and when that was published by its source stamp.
     first: Option<(Timestamp, Option<SystemTime>)>,
+}
+
+/// The sequence numbers of a writer. One forged message can have any number and any stamp.
+#[derive(Debug)]
+struct Numbers {
+    /// Samples up to it were received before.
+    last: i64,
+    /// The newest source stamp, and when it was received.
+    newest: Option<(SystemTime, Timestamp)>,
+    /// Since when lower numbers come, and the highest of them.
+    lower: Option<(Timestamp, i64)>,
+}
+
+impl Numbers {
+    fn stamp(&mut self, source: SystemTime, now: Timestamp) {
+        let source = self.newest.map_or(source, |(newest, at)| {
+            let most = newest + Duration::from_nanos(now.since(at).as_nanos()) + STAMP_AHEAD;
+            source.clamp(newest, most)
+        });
+        self.newest = Some((source, now));
+    }
+
+    /// Whether a sample with a number that is not higher is new all the same: it was published after the newest one, or
+    /// lower numbers have come for long to a reader that is not catching up.
+    fn is_anew(
+        &mut self,
+        sequence: i64,
+        (source, now): (Option<SystemTime>, Timestamp),
+        in_order: bool,
+    ) -> bool {
+        if sequence == self.last {
+            self.lower = None;
+            return false;
+        }
+        if source.zip(self.newest).is_some_and(|(source, (newest, _))| source > newest) {
+            return true;
+        }
+        let (since, highest) = self.lower.get_or_insert((now, sequence));
+        let goes_on = sequence > std::mem::replace(highest, sequence.max(*highest));
+        goes_on && in_order && now.since(*since) >= ANEW
+    }
 }
 
 impl Writers {
@@ -101,7 +148,7 @@ impl Writers {
                 }
                 // It may have spoken before it knew our reader.
                 self.missed |= self.spoke.is_some() && offer.type_name == dds_type && !offer.transient_local;
-                let heard = self.last.contains_key(&guid);
+                let heard = self.numbers.contains_key(&guid);
                 Known {
                     offer: offer.clone(),
                     since: now,
@@ -116,8 +163,8 @@ impl Writers {
         }
         // Its last message may be out of date.
         self.missed |= self.spoke.take_if(|guid| before.contains_key(guid)).is_some();
-        if self.last.len() > REMEMBERED_MAX {
-            self.last.retain(|guid, _| self.known.contains_key(guid));
+        if self.numbers.len() > REMEMBERED_MAX {
+            self.numbers.retain(|guid, _| self.known.contains_key(guid));
         }
         wrong
     }
@@ -168,35 +215,49 @@ impl Writers {
     /// Whether a reliable reader has not yet received all that a best-effort one has.
     pub fn is_catching_up(&self, dds_type: &str) -> bool {
         let lags = |(guid, known): (_, &Known)| {
-            known.offer.reliable && !known.reliably && self.last.contains_key(guid)
+            known.offer.reliable && !known.reliably && self.numbers.contains_key(guid)
         };
         self.ours(dds_type).any(lags)
     }
 
-    /// Judges one sample.
-    pub fn judge(&mut self, writer: &Guid, sequence: i64, via: Via, dds_type: &str) -> Verdict {
+    /// Judges one sample. `came`: its source stamp and when it was received, unless it is from before our reader.
+    pub fn judge(
+        &mut self,
+        writer: &Guid,
+        sequence: i64,
+        via: Via,
+        dds_type: &str,
+        came: Option<(Option<SystemTime>, Timestamp)>,
+    ) -> Verdict {
+        let mut in_order = true;
         if let Some(Known { offer, reliably, .. }) = self.known.get_mut(writer) {
             if offer.type_name != dds_type {
                 return Verdict::WrongType;
             }
-            let last = self.last.get(writer);
-            *reliably |= via != Via::BestEffort && last.is_none_or(|last| sequence >= *last);
+            let last = self.numbers.get(writer).map(|it| it.last);
+            *reliably |= via != Via::BestEffort && last.is_none_or(|last| sequence >= last);
             // A best-effort reader hands samples over in the order of arrival: one of them would overtake a
             // repair.
             if *reliably && via == Via::BestEffort {
                 return Verdict::Skip;
             }
+            in_order = *reliably || via == Via::BestEffort;
         }
-        match self.last.insert(*writer, sequence) {
-            None => Verdict::Take { lost: 0 },
-            Some(last) if sequence > last => {
-                Verdict::Take { lost: u64::try_from(sequence - last - 1).unwrap_or(0) }
-            }
-            Some(last) => {
-                self.last.insert(*writer, last);
-                Verdict::Skip
-            }
+        let known = self.numbers.entry(*writer).or_insert(Numbers {
+            last: sequence.saturating_sub(1),
+            newest: None,
+            lower: None,
+        });
+        let is_next = sequence > known.last;
+        if !is_next && !came.is_some_and(|came| known.is_anew(sequence, came, in_order)) {
+            return Verdict::Skip;
         }
+        let lost = if is_next { sequence.abs_diff(known.last) - 1 } else { 0 };
+        (known.last, known.lower) = (sequence, None);
+        if let Some((Some(source), now)) = came {
+            known.stamp(source, now);
+        }
+        Verdict::Take { lost }
     }
 }
 
@@ -233,40 +294,90 @@ mod tests {
             (A, 10, Verdict::Take { lost: 0 }),
         ];
         for (writer, sequence, expected) in samples {
-            assert_eq!(writers.judge(&writer, sequence, Via::Reliable, OURS), expected, "{sequence}");
+            assert_eq!(writers.judge(&writer, sequence, Via::Reliable, OURS, None), expected, "{sequence}");
+        }
+    }
+
+    /// One forged message silences no publisher, and one that is started again with the same id counts anew.
+    #[test]
+    fn a_number_that_is_far_too_high_hides_nothing_that_is_published_after_it() {
+        let stamp = |ms: u64| Some(SystemTime::UNIX_EPOCH + Duration::from_millis(ms));
+        let take = |writers: &mut Writers, sequence, source, ms| {
+            let came = Some((source, Timestamp::from_millis(ms)));
+            writers.judge(&A, sequence, Via::BestEffort, OURS, came) != Verdict::Skip
+        };
+        for forged in [None, stamp(1), stamp(1000), stamp(10_u64.pow(12))] {
+            let mut writers = writers(&[(A, offer(OURS, false, false))]);
+            for number in 0..5 {
+                assert!(take(
+                    &mut writers,
+                    7 + number,
+                    stamp(100 * number as u64),
+                    9000 + 100 * number as u64
+                ));
+            }
+            assert!(take(&mut writers, 1 << 40, forged, 9450));
+            assert!(!take(&mut writers, 11, stamp(400), 9460), "it was received");
+            let next = (5..20).find(|&number| {
+                take(&mut writers, 7 + number, stamp(100 * number as u64), 9000 + 100 * number as u64)
+            });
+            assert!(next <= Some(16), "{forged:?}: {next:?}");
+            assert!(!take(&mut writers, 7, stamp(0), 12_000), "it was received");
+        }
+        let mut writers = writers(&[(A, offer(OURS, false, false))]);
+        assert!(take(&mut writers, 1 << 40, stamp(10_u64.pow(12)), 9000), "the first of all is forged");
+        let first = (0..60).find(|&number| {
+            take(&mut writers, 7 + number, stamp(100 * number as u64), 9000 + 100 * number as u64)
+        });
+        assert_eq!(first, Some(30), "what goes on counts after three seconds");
+        // A reliable reader that repeats what it sent to one before it ends with the last one.
+        let mut writers = super::tests::writers(&[(A, offer(OURS, true, false))]);
+        let came = |ms| Some((None, Timestamp::from_millis(ms)));
+        assert_eq!(writers.judge(&A, 100, Via::BestEffort, OURS, came(5000)), Verdict::Take { lost: 0 });
+        for old in 1..100 {
+            let came = came(5000 + 100 * old as u64);
+            assert_eq!(writers.judge(&A, old, Via::Reliable, OURS, came), Verdict::Skip, "{old}");
         }
     }
 
     #[test]
     fn a_writer_is_not_read_out_of_order_once_a_reliable_reader_hears_it() {
         let mut writers = writers(&[(A, offer(OURS, true, false)), (B, offer(OURS, false, false))]);
-        assert_eq!(writers.judge(&A, 5, Via::BestEffort, OURS), Verdict::Take { lost: 0 }, "the first alone");
-        assert_eq!(writers.judge(&A, 5, Via::Reliable, OURS), Verdict::Skip);
-        assert_eq!(writers.judge(&A, 7, Via::BestEffort, OURS), Verdict::Skip);
-        assert_eq!(writers.judge(&A, 6, Via::Reliable, OURS), Verdict::Take { lost: 0 });
-        assert_eq!(writers.judge(&A, 7, Via::LastValue, OURS), Verdict::Take { lost: 0 });
+        assert_eq!(
+            writers.judge(&A, 5, Via::BestEffort, OURS, None),
+            Verdict::Take { lost: 0 },
+            "the first alone"
+        );
+        assert_eq!(writers.judge(&A, 5, Via::Reliable, OURS, None), Verdict::Skip);
+        assert_eq!(writers.judge(&A, 7, Via::BestEffort, OURS, None), Verdict::Skip);
+        assert_eq!(writers.judge(&A, 6, Via::Reliable, OURS, None), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 7, Via::LastValue, OURS, None), Verdict::Take { lost: 0 });
         writers.heard_by_best_effort_alone();
-        assert_eq!(writers.judge(&A, 9, Via::BestEffort, OURS), Verdict::Take { lost: 1 });
-        assert_eq!(writers.judge(&B, 7, Via::BestEffort, OURS), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 9, Via::BestEffort, OURS, None), Verdict::Take { lost: 1 });
+        assert_eq!(writers.judge(&B, 7, Via::BestEffort, OURS, None), Verdict::Take { lost: 0 });
     }
 
     #[test]
     fn a_reliable_reader_counts_once_it_has_received_the_messages_kept_for_killed_ones() {
         let mut writers = writers(&[(A, offer(OURS, true, false)), (B, offer(OURS, false, false))]);
         assert!(!writers.is_catching_up(OURS), "nothing was heard");
-        assert_eq!(writers.judge(&A, 100, Via::BestEffort, OURS), Verdict::Take { lost: 0 });
-        assert_eq!(writers.judge(&B, 100, Via::BestEffort, OURS), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 100, Via::BestEffort, OURS, None), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&B, 100, Via::BestEffort, OURS, None), Verdict::Take { lost: 0 });
         for old in 1..100 {
-            assert_eq!(writers.judge(&A, old, Via::Reliable, OURS), Verdict::Skip);
+            assert_eq!(writers.judge(&A, old, Via::Reliable, OURS, None), Verdict::Skip);
         }
         assert!(writers.is_catching_up(OURS));
-        assert_eq!(writers.judge(&A, 101, Via::BestEffort, OURS), Verdict::Take { lost: 0 });
-        assert_eq!(writers.judge(&A, 100, Via::Reliable, OURS), Verdict::Skip);
+        assert_eq!(writers.judge(&A, 101, Via::BestEffort, OURS, None), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 100, Via::Reliable, OURS, None), Verdict::Skip);
         assert!(writers.is_catching_up(OURS));
-        assert_eq!(writers.judge(&A, 101, Via::Reliable, OURS), Verdict::Skip);
+        assert_eq!(writers.judge(&A, 101, Via::Reliable, OURS, None), Verdict::Skip);
         assert!(!writers.is_catching_up(OURS));
-        assert_eq!(writers.judge(&A, 103, Via::BestEffort, OURS), Verdict::Skip, "102 may still be repaired");
-        assert_eq!(writers.judge(&A, 102, Via::Reliable, OURS), Verdict::Take { lost: 0 });
+        assert_eq!(
+            writers.judge(&A, 103, Via::BestEffort, OURS, None),
+            Verdict::Skip,
+            "102 may still be repaired"
+        );
+        assert_eq!(writers.judge(&A, 102, Via::Reliable, OURS, None), Verdict::Take { lost: 0 });
     }
 
     #[test]
@@ -277,8 +388,8 @@ mod tests {
         assert_eq!(writers.update(offers.clone(), OURS, START), ["theirs"]);
         assert_eq!(writers.update(offers, OURS, START), [""; 0]);
         assert_eq!(writers.publishers(OURS), (1, Some("theirs"), false, false));
-        assert_eq!(writers.judge(&A, 1, Via::Reliable, OURS), Verdict::WrongType);
-        assert_eq!(writers.judge(&B, 1, Via::Reliable, OURS), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 1, Via::Reliable, OURS, None), Verdict::WrongType);
+        assert_eq!(writers.judge(&B, 1, Via::Reliable, OURS, None), Verdict::Take { lost: 0 });
     }
 
     #[test]
@@ -288,8 +399,8 @@ mod tests {
             let mut guid = [0; 16];
             guid[..4].copy_from_slice(&index.to_le_bytes());
             writers.update([(guid, offer(OURS, true, false))].into(), OURS, START);
-            writers.judge(&guid, 1, Via::Reliable, OURS);
+            writers.judge(&guid, 1, Via::Reliable, OURS, None);
         }
-        assert!(writers.last.len() <= REMEMBERED_MAX + 1);
+        assert!(writers.numbers.len() <= REMEMBERED_MAX + 1);
     }
 }

@@ -75,7 +75,7 @@ mod tests {
         let mut writers = Writers::default();
         writers.listen(wall(98));
         for guid in heard {
-            writers.judge(guid, 1, Via::Reliable, OURS);
+            writers.judge(guid, 1, Via::Reliable, OURS, None);
         }
         writers.update(offers.iter().cloned().collect(), OURS, (Timestamp::from_millis(5000), wall(100)));
         // Discovery has news of others; the age of these does not change.
