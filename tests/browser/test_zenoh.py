@@ -127,6 +127,62 @@ def test_a_router_that_is_late_hangs_or_goes_away_is_no_publisher_that_is_gone(r
         pressed.kill()
 
 
+def test_the_second_router_serves_where_the_first_is_dead_and_its_hanging_is_noticed_at_once(router, tmp_path, monkeypatch):
+    alive = json.loads(os.environ["ZENOH_CONFIG_OVERRIDE"].partition("=")[2])
+    monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", f"connect/endpoints={json.dumps([f'tcp/127.0.0.1:{free_port()}', *alive])}")
+    config = tmp_path / "vehicle.yaml"
+    config.write_text(CONFIG)
+    with router() as second, serving(tmp_path, config=config, flags=["--transport", "zenoh"]) as server:
+        client = Client(server, *OPERATOR)
+        motor = Writer(server.domain, "rt/diagnostics", "DiagnosticArray", tmp_path / "motor.log", options=ZENOH)
+
+        def module(name):
+            motor.write(statuses=[{"name": "motor", "level": 0, "message": "runs"}])
+            return next((it for group in client.snapshot()["groups"] for it in group["modules"] if it["id"] == name), {})
+
+        until(lambda: module("base/motor")["state"] == "ok", 20, lambda: f"the motor is heard: {module('base/motor')}")
+        second.process.send_signal(signal.SIGSTOP)
+        until(lambda: module("telltale/dds").get("state") == "error", 4, lambda: f"the router hangs: {server.read_log()[-2000:]}")
+        motor.kill()
+
+
+def test_an_event_that_a_full_line_may_have_lost_is_not_ok(router, tmp_path):
+    config = tmp_path / "vehicle.yaml"
+    config.write_text(CONFIG)
+    with router(), serving(tmp_path, config=config, flags=["--transport", "zenoh"]) as server:
+        client = Client(server, *OPERATOR)
+        pressed = Writer(server.domain, "rt/pressed", "Bool", tmp_path / "pressed.log", options=ZENOH)
+        motor = Writer(server.domain, "rt/diagnostics", "DiagnosticArray", tmp_path / "motor.log", options=ZENOH)
+        stop = lambda: next(it for it in groups(client)["base"]["modules"] if it["id"] == "base/stop")
+        runs = lambda: motor.write(statuses=[{"name": "motor", "level": 0, "message": "runs"}])
+
+        def is_let_go():
+            runs()
+            pressed.write(bool=False)
+            return stop()["state"] == "ok"
+
+        until(is_let_go, 30, lambda: f"it is let go: {stop()}")
+        written = lambda name: len((tmp_path / name).read_text().splitlines())
+        processes = [*server.children(), server.process.pid]
+        for process in processes:
+            os.kill(process, signal.SIGSTOP)
+        until_flooded, until_pressed = written("motor.log") + 1, written("pressed.log") + 1
+        motor.write(count=2000, times=300)
+        until(lambda: written("motor.log") >= until_flooded, 20, "the line is full")
+        pressed.write(bool=True)
+        until(lambda: written("pressed.log") >= until_pressed, 10, "it is pressed")
+        for process in processes:
+            os.kill(process, signal.SIGCONT)
+
+        def is_doubtful():
+            runs()
+            return stop()["state"] != "ok"
+
+        until(is_doubtful, 10, lambda: f"it may be pressed: {stop()}")
+        for writer in (pressed, motor):
+            writer.kill()
+
+
 def test_services_are_called_over_zenoh(router, tmp_path):
     with router():
         nodes_call_every_service(tmp_path, ["rmw_zenoh", "rmw_zenoh"], ["--transport", "zenoh"])

@@ -54,8 +54,8 @@ pub struct Readers {
     fitting: (Fitting, Timestamp),
     /// When it is looked whether the replaced ones can end.
     overlap_ends: Timestamp,
-    /// The DDS process has replaced a reliable one.
-    replaced: bool,
+    /// Messages may be lost that are not sent again.
+    missed: bool,
 }
 
 /// The kinds of readers that a topic needs, of which one or two exist at once.
@@ -73,7 +73,7 @@ impl Readers {
         let (topic, type_name) = (subscription.dds_topic.clone(), subscription.dds_type.clone());
         let fitting: (Fitting, Timestamp) = (&[], now);
         let readers = Vec::with_capacity(2);
-        Readers { participant, topic, type_name, depth, readers, fitting, overlap_ends: now, replaced: false }
+        Readers { participant, topic, type_name, depth, readers, fitting, overlap_ends: now, missed: false }
     }
 
     /// Makes the readers that fit, and ends the others once the new ones had time to be found and are not catching up.
@@ -126,9 +126,9 @@ impl Readers {
         self.participant.deepen(&self.topic, &self.type_name, depth);
     }
 
-    /// Whether the DDS process has replaced a reliable one since this was asked last.
-    pub fn was_replaced(&mut self) -> bool {
-        std::mem::take(&mut self.replaced)
+    /// Whether messages may have been lost since this was asked last.
+    pub fn may_have_missed(&mut self) -> bool {
+        std::mem::take(&mut self.missed)
     }
 
     /// Ready once something was received: it is appended to `batch`, or to `faults` if it was not handed
@@ -153,11 +153,11 @@ impl Readers {
                         batch.push(Sample { writer, sequence, via, source, body });
                     }
                     ReaderEvent::Fault(reason) => faults.push(reason),
-                    ReaderEvent::Replaced => self.replaced |= via != Via::BestEffort,
+                    ReaderEvent::Missed => self.missed = true,
                 }
             }
         }
-        if batch.is_empty() && faults.is_empty() && !self.replaced { Poll::Pending } else { Poll::Ready(()) }
+        if batch.is_empty() && faults.is_empty() && !self.missed { Poll::Pending } else { Poll::Ready(()) }
     }
 }
 

@@ -208,7 +208,7 @@ impl Topic {
                 () = until(due) => {}
                 () = poll_fn(|context| self.readers.poll(context, &mut batch, &mut faults)) => {
                     let received = self.around.clock.now();
-                    match (self.readers.was_replaced(), self.readers.asks_for_last_value()) {
+                    match (self.readers.may_have_missed(), self.readers.asks_for_last_value()) {
                         (true, true) => self.memory.writers.may_miss(&self.subscription.dds_type),
                         (true, false) => self.memory.writers.may_miss_any(),
                         (false, _) => {}

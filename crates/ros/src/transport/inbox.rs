@@ -37,15 +37,15 @@ pub enum ReaderEvent {
     Sample(RawSample),
     /// A sample was not handed over.
     Fault(String),
-    /// Another reader has taken its place: it asks for nothing that was lost before.
-    Replaced,
+    /// Messages may be lost that are not sent again: another reader has taken its place, or the line was too slow.
+    Missed,
 }
 
 impl ReaderEvent {
     fn weight(&self) -> usize {
         match self {
             ReaderEvent::Sample(sample) => sample.weight(),
-            ReaderEvent::Fault(_) | ReaderEvent::Replaced => SAMPLE_BYTES,
+            ReaderEvent::Fault(_) | ReaderEvent::Missed => SAMPLE_BYTES,
         }
     }
 }
@@ -181,7 +181,7 @@ impl Shared {
                 None if lock(&self.readers).get(&id).is_some_and(|hearing| hearing.of_node) => {
                     let replaced = lock(&self.made_readers).insert(id, guid);
                     if replaced.is_some() {
-                        self.hear(id, ReaderEvent::Replaced)?;
+                        self.hear(id, ReaderEvent::Missed)?;
                     }
                     self.own_readers.send_if_modified(|known| {
                         let is_gone = replaced.is_some_and(|old| known.remove(&old));
@@ -213,6 +213,7 @@ impl Shared {
             }
             FromChild::Sample { reader, sample } => return self.hear(reader, ReaderEvent::Sample(sample)),
             FromChild::Fault { reader, reason } => return self.hear(reader, ReaderEvent::Fault(reason)),
+            FromChild::Missed { reader } => return self.hear(reader, ReaderEvent::Missed),
             FromChild::Written { number, error } => {
                 if let Some(waiting) = lock(&self.written).remove(&number) {
                     // Nobody waits for it any more.

@@ -101,6 +101,10 @@ pub enum FromChild {
         reader: u32,
         reason: String,
     },
+    /// Messages may be lost that nobody sends again to this reader.
+    Missed {
+        reader: u32,
+    },
     Written {
         number: u32,
         error: Option<String>,

@@ -158,6 +158,7 @@ impl Frame {
                 self.u8(9).u8(*change as u8).0.extend(participant);
             }
             FromChild::Cut { of_ours, all } => drop(self.u8(10).u32(*of_ours).u32(*all)),
+            FromChild::Missed { reader } => drop(self.u8(11).u32(*reader)),
         }
     }
 
@@ -337,7 +338,7 @@ impl<'a> Reading<'a> {
     }
 
     fn news(&mut self) -> Result<FromChild, InvalidFrame> {
-        Ok(match self.below(11)? {
+        Ok(match self.below(12)? {
             0 => FromChild::Ready { guid: self.array()?, participant: self.u16()? },
             1 => FromChild::Made { id: self.u32()?, guid: self.array()? },
             2 => FromChild::Found(self.found()?),
@@ -351,6 +352,7 @@ impl<'a> Reading<'a> {
             7 => FromChild::Beat { heard: self.u64()? },
             8 => FromChild::Broken { reason: self.text()? },
             10 => FromChild::Cut { of_ours: self.u32()?, all: self.u32()? },
+            11 => FromChild::Missed { reader: self.u32()? },
             _ => {
                 let change = Change::ALL[usize::from(self.below(Change::ALL.len() as u8)?)];
                 FromChild::Participant { participant: self.array()?, change }

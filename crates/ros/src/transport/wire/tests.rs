@@ -61,6 +61,7 @@ fn some_news() -> Vec<FromChild> {
         sample(fault(FaultKind::Encoding([0, 7]))),
         sample(fault(FaultKind::TooLarge { bytes: 1 << 30, limit: BODY_BYTES_MAX })),
         FromChild::Fault { reader: 4, reason: "no".to_owned() },
+        FromChild::Missed { reader: 4 },
         FromChild::Written { number: 9, error: Some("late".to_owned()) },
         FromChild::Written { number: 10, error: None },
         FromChild::Beat { heard: 12 },

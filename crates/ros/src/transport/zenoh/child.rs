@@ -27,8 +27,15 @@ const LOOK_MIN: Span = Span::from_millis(5);
 const TOKENS_MAX: usize = 65_536;
 /// A router that tells of so many again does nothing else for seconds.
 const PAUSE: Span = Span::from_secs(600);
-/// For so long after it was asked for all tokens, it may answer late.
+/// For so long after it was asked for all tokens, it may answer late, while it tells of them: without any for so long it hangs.
 const PATIENCE: Span = Span::from_secs(10);
+const BETWEEN_TOKENS: Span = Span::from_millis(500);
+/// A process that stood still for so long, or whose router has not answered so many beats, read nothing; and the router drops
+/// what has no room.
+const STOOD_STILL: Span = Span::from_secs(1);
+const UNANSWERED: u64 = 4;
+/// That messages are missing is told at most this often.
+const MISSED_EVERY: Span = Span::from_millis(250);
 const STUCK: &str = "the Zenoh library takes no orders any more";
 
 /// Opens a session of a domain at this router, or at the one that the environment names, and executes orders until the program ends it.
@@ -81,6 +88,11 @@ struct Child {
     /// When the graph is followed again from its beginning, and until when the router may be late for that reason.
     follow_at: Option<Timestamp>,
     late_until: Timestamp,
+    /// The number of tokens at the last beat that told of some, and its time; and the time of the last beat.
+    tokens: (usize, Timestamp),
+    beat_at: Timestamp,
+    /// From when it may be told again that messages are missing.
+    missed_from: Timestamp,
     /// The earliest time of the next look at the graph, and whether one is to come.
     look_at: Timestamp,
     waits: bool,
@@ -102,6 +114,9 @@ impl Child {
             is_asking: false,
             follow_at: Some(clock.now()),
             late_until: clock.now(),
+            tokens: (0, clock.now()),
+            beat_at: clock.now(),
+            missed_from: clock.now(),
             look_at: clock.now(),
             waits: false,
             numbers: 0,
@@ -126,9 +141,7 @@ impl Child {
                 () = heard.wake.notified() => {}
                 () = tokio::time::sleep_until(self.clock.instant(self.look_at).into()), if self.waits => {}
                 _ = beats.tick() => {
-                    self.beat()?;
-                    let is_excused = self.clock.now() < self.late_until;
-                    let echo = if is_excused { self.said } else { heard.state().echo };
+                    let echo = self.beat(&mut heard.state())?;
                     out.frame.news(&FromChild::Beat { heard: echo });
                 }
             }
@@ -158,9 +171,19 @@ impl Child {
         self.work.try_send(work).map_err(|_| STUCK.to_owned())
     }
 
-    fn beat(&mut self) -> Result<(), String> {
+    /// Asks the router whether it is there. Returns the newest beat that it has answered, or may still answer.
+    fn beat(&mut self, state: &mut State) -> Result<u64, String> {
+        let now = self.clock.now();
         self.said += 1;
-        self.give(Work::Beat(self.said))
+        self.give(Work::Beat(self.said))?;
+        if state.there != self.tokens.0 {
+            self.tokens = (state.there, now);
+        }
+        let tells = now.since(self.tokens.1) < BETWEEN_TOKENS;
+        let echo = if tells && now < self.late_until { self.said } else { state.echo };
+        state.dropped |= now.since(self.beat_at) >= STOOD_STILL || self.said - echo > UNANSWERED;
+        self.beat_at = now;
+        Ok(echo)
     }
 
     /// Passes up the graph and then the messages.
@@ -172,6 +195,12 @@ impl Child {
             out.frame.news(&news);
         }
         let now = self.clock.now();
+        if state.dropped && now >= self.missed_from {
+            (state.dropped, self.missed_from) = (false, now + MISSED_EVERY);
+            for reader in state.queues.keys() {
+                out.frame.news(&FromChild::Missed { reader: *reader });
+            }
+        }
         self.look_after_tokens(state, now)?;
         self.waits = !state.graph.changed.is_empty();
         if self.waits && now >= self.look_at {
@@ -193,7 +222,7 @@ impl Child {
         } else if state.echo > 0 && self.follow_at.is_some_and(|at| now >= at) {
             // A token that the router does not tell of again is gone.
             state.graph.lose_all();
-            self.late_until = now + PATIENCE;
+            (self.late_until, self.tokens) = (now + PATIENCE, (0, now));
             self.follow(state, Follow::Begin(state.following + 1), None)?;
         }
         if self.is_asking && state.confirmed == self.asked {

@@ -11,6 +11,10 @@ const OVERRIDE: &str = "ZENOH_CONFIG_OVERRIDE";
 /// The router of rmw_zenoh.
 const ROUTER: &str = r#"["tcp/localhost:7447"]"#;
 
+/// The longest time for all routers together, and for each, in milliseconds.
+const OPENING_MS: usize = 8000;
+const OPENING_ONE_MS: usize = 3000;
+
 /// Reads the environment, unless a router is given. Telltale is always a client: a peer that hangs would hold back the vehicle's publishers.
 ///
 /// # Errors
@@ -29,12 +33,16 @@ pub fn session(router: Option<&str>, env: impl Fn(&str) -> Option<String>) -> Re
         let (key, value) = setting.split_once('=').ok_or_else(|| wrong("write KEY=VALUE".to_owned()))?;
         config.insert_json5(key.trim(), value.trim()).map_err(|error| wrong(error.to_string()))?;
     }
+    // The library tries each router once: with a time for all of them it would spend that on the first.
+    let routers = config.get_json("connect/endpoints").map_or(1, |texts| texts.matches('"').count() / 2);
+    let each_ms = (OPENING_MS / routers.max(1)).min(OPENING_ONE_MS).to_string();
     let limit = (BODY_BYTES_MAX + (1 << 20)).to_string();
     let ours = [
         ("mode", r#""client""#),
         ("listen/endpoints", "[]"),
         ("transport/link/rx/max_message_size", &*limit),
-        ("connect/timeout_ms", "3000"),
+        ("connect/timeout_ms", "0"),
+        ("transport/unicast/open_timeout", &*each_ms),
         ("connect/exit_on_failure", "true"),
     ];
     set(&mut config, &ours)?;
@@ -96,6 +104,9 @@ mod tests {
         let other = config(&[(OVERRIDE, other)]).unwrap();
         assert_eq!(is(&other, "connect/endpoints"), r#"["tcp/10.0.0.1:7447"]"#);
         assert_eq!((is(&other, "mode"), is(&other, "listen/endpoints")), (r#""client""#.into(), "[]".into()));
+        let four = r#"connect/endpoints=["tcp/a:1","tcp/b:1","tcp/c:1","tcp/d:1"]"#;
+        let opening = |config: &Config| is(config, "transport/unicast/open_timeout");
+        assert_eq!([opening(&plain), opening(&config(&[(OVERRIDE, four)]).unwrap())], ["3000", "2000"]);
     }
 
     #[test]

@@ -19,6 +19,8 @@ use telltale_msg::sample_bytes::{Guid, RawBody};
 
 /// Bytes of messages that wait for one reader, beside the newest message.
 const WAITING_BYTES_MAX: usize = 32 << 20;
+/// Publishers of one reader whose messages are counted.
+const PUBLISHERS_MAX: usize = 256;
 /// Calls that are not answered yet.
 const CALLS_MAX: usize = 256;
 
@@ -41,6 +43,8 @@ pub struct State {
     /// The number of the follower that counts, and of the tokens that it holds.
     pub following: u64,
     pub there: usize,
+    /// The router dropped messages, because this line was too slow. Any publisher's may be among them.
+    pub dropped: bool,
     /// The library can no longer be used.
     pub broken: Option<String>,
 }
@@ -56,6 +60,8 @@ pub struct Queue {
     in_flight: usize,
     /// Messages without an attachment, which have no number.
     unnumbered: i64,
+    /// The number of the newest message of each publisher that the graph knows.
+    newest: BTreeMap<Guid, i64>,
 }
 
 impl Heard {
@@ -81,15 +87,19 @@ impl Heard {
         let attached = attachment.and_then(|bytes| Attachment::read(&bytes.to_bytes()));
         let body = body(&payload.to_bytes());
         self.with(|state| {
-            let State { graph, queues, .. } = state;
+            let State { graph, queues, dropped, .. } = state;
             let Some(queue) = queues.get_mut(&reader) else { return };
             let sample = match attached {
                 Some(attached) => RawSample {
                     // A reply repeats the id of the client.
-                    writer: reply
-                        .map(|(server, _)| server)
-                        .or_else(|| graph.writer(&attached.gid))
-                        .unwrap_or(attached.gid),
+                    writer: match (reply, graph.writer(&attached.gid)) {
+                        (Some((server, _)), _) => server,
+                        (None, Some(known)) => {
+                            *dropped |= queue.note(known, attached.sequence);
+                            known
+                        }
+                        (None, None) => attached.gid,
+                    },
                     sequence: attached.sequence,
                     source: attached.source(),
                     related: reply.map(|(_, request)| request),
@@ -157,7 +167,8 @@ impl State {
 
     pub fn open(&mut self, reader: u32, depth: usize, channel: Option<(Channel, Part)>) {
         let (waiting, depth) = (VecDeque::new(), depth.max(1));
-        let queue = Queue { channel, depth, waiting, bytes: 0, in_flight: 0, unnumbered: 0 };
+        let queue =
+            Queue { channel, depth, waiting, bytes: 0, in_flight: 0, unnumbered: 0, newest: BTreeMap::new() };
         self.queues.insert(reader, queue);
     }
 
@@ -189,6 +200,18 @@ impl State {
 }
 
 impl Queue {
+    /// Notes the number of a message. Returns whether some before it are missing. Once there are more publishers than are
+    /// remembered, all are forgotten.
+    fn note(&mut self, writer: Guid, sequence: i64) -> bool {
+        if self.newest.len() >= PUBLISHERS_MAX {
+            self.newest.clear();
+        }
+        let newest = self.newest.entry(writer).or_insert(sequence);
+        let is_missing = sequence.saturating_sub(*newest) > 1;
+        *newest = sequence.max(*newest);
+        is_missing
+    }
+
     pub fn push(&mut self, sample: RawSample) {
         self.bytes += sample.weight();
         self.waiting.push_back(sample);
