@@ -27,11 +27,11 @@ const LOOK_MIN: Span = Span::from_millis(5);
 const TOKENS_MAX: usize = 65_536;
 /// A router that tells of so many again does nothing else for seconds.
 const PAUSE: Span = Span::from_secs(600);
-/// For so long after it was asked for all tokens, it may answer late, while it tells of them: without any for so long it hangs.
+/// For so long after a question for all tokens the router may answer late, as long as it tells of tokens: with a longer
+/// pause between two of them it hangs.
 const PATIENCE: Span = Span::from_secs(10);
 const BETWEEN_TOKENS: Span = Span::from_millis(500);
-/// A process that stood still for so long, or whose router has not answered so many beats, read nothing; and the router drops
-/// what has no room.
+/// After a pause of this length, or so many beats without an answer of the router, messages may be lost: a full line drops them.
 const STOOD_STILL: Span = Span::from_secs(1);
 const UNANSWERED: u64 = 4;
 /// That messages are missing is told at most this often.

@@ -25,7 +25,7 @@ use crate::store::{IncidentRecords, Store};
 /// Old recordings, and those that are not whole, are looked for this often.
 const TIDY_EVERY: Span = Span::from_secs(600);
 
-/// Those that are not whole are looked for this soon after room was short: what a full disk interrupted has room again.
+/// Those that are not whole are looked for this soon after room was short: a full disk may have cut them off.
 const WHOLE_AFTER: Span = Span::from_secs(10);
 
 /// Where room is short, they are looked for again after this time.
