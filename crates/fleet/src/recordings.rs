@@ -14,6 +14,9 @@ use crate::outbox::{Outbox, OutboxError, signed};
 /// Recordings that wait to be sent. Others are not taken.
 pub const WAITING_MAX: usize = 64;
 
+/// The newest recordings that were sent by themselves, and are remembered for that. Older ones count as sent.
+const SENT_KEPT: i64 = 100_000;
+
 /// Numbers that are asked for at once, and then one in each of these spans: each makes the vehicle look for a recording,
 /// and say so if there is none.
 pub const WISHES_AT_ONCE: u64 = 16;
@@ -97,9 +100,7 @@ impl Outbox {
     /// Of the disk.
     pub fn take_recording(&mut self, finished: &Finished) -> Result<bool, OutboxError> {
         let incident = signed(finished.incident);
-        let sql = "SELECT coalesce(max(last), 0) FROM recorded";
-        let last: i64 = self.connection().query_row(sql, [], |row| row.get(0))?;
-        if finished.by_itself && incident <= last || self.sends(finished.incident)? {
+        if finished.by_itself && self.was_sent(incident)? || self.sends(finished.incident)? {
             return Ok(true);
         }
         let waiting: i64 =
@@ -110,10 +111,17 @@ impl Outbox {
         let sql = "INSERT INTO recordings (incident, path, sha256, bytes) VALUES (?1, ?2, ?3, ?4)";
         self.connection().execute(sql, params![incident, path, finished.sha256, signed(finished.bytes)])?;
         if finished.by_itself {
-            let sql = "INSERT INTO recorded VALUES (1, ?1) ON CONFLICT DO UPDATE SET last = ?1";
-            self.connection().execute(sql, [incident])?;
+            self.connection().execute("INSERT OR IGNORE INTO sent_by_itself VALUES (?1)", [incident])?;
+            let sql = "DELETE FROM sent_by_itself WHERE incident <= (SELECT max(incident) FROM sent_by_itself) - ?1";
+            self.connection().execute(sql, [SENT_KEPT])?;
         }
         Ok(true)
+    }
+
+    fn was_sent(&self, incident: i64) -> Result<bool, OutboxError> {
+        let sql = "SELECT count(*) > 0 FROM sent_by_itself
+                   WHERE incident = ?1 OR ?1 <= (SELECT max(incident) FROM sent_by_itself) - ?2";
+        Ok(self.connection().query_row(sql, [incident, SENT_KEPT], |row| row.get(0))?)
     }
 
     /// Whether the recording of this incident waits or is sent.
@@ -220,7 +228,14 @@ mod tests {
             assert_eq!(outbox.sends(9).unwrap(), waits);
             outbox.recording_over(9).unwrap();
         }
-        let taken = (10..100).filter(|&it| outbox.take_recording(&finished(it, false)).unwrap()).count();
+        // One that was finished, or found room, after a later one.
+        for incident in [30, 20] {
+            assert!(
+                outbox.take_recording(&finished(incident, true)).unwrap() && outbox.sends(incident).unwrap()
+            );
+            outbox.recording_over(incident).unwrap();
+        }
+        let taken = (100..200).filter(|&it| outbox.take_recording(&finished(it, false)).unwrap()).count();
         assert_eq!(taken, WAITING_MAX);
     }
 }

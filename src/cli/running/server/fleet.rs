@@ -135,7 +135,7 @@ impl Looking {
     /// are wanted.
     async fn run(self, mut wanted: mpsc::Receiver<u64>) {
         let mut incidents: BTreeMap<u64, Incident> = BTreeMap::new();
-        let mut record = 0;
+        let (mut record, mut before) = (0, None);
         let mut ticks = tokio::time::interval(LOOK_EVERY);
         loop {
             tokio::select! {
@@ -162,6 +162,7 @@ impl Looking {
                     news.push(Content::Incident(incident));
                 }
             }
+            finished.extend(self.older(&mut before).await);
             while incidents.len() > INCIDENTS as usize {
                 incidents.pop_first();
             }
@@ -177,6 +178,18 @@ impl Looking {
                 }
             }
         }
+    }
+
+    /// The next page of recordings that are sent by themselves, from the newest to the oldest and then from the newest again.
+    /// Some may have found no room before, or were finished after later ones.
+    async fn older(&self, before: &mut Option<u64>) -> Vec<Finished> {
+        if !self.is_always {
+            return Vec::new();
+        }
+        let filter = IncidentFilter { before: *before, count: INCIDENTS, ..IncidentFilter::default() };
+        let found = self.store.incidents(filter).await.unwrap_or_default();
+        *before = found.last().map(|it| it.summary.id);
+        found.iter().filter_map(|it| self.finished(&it.summary, true)).collect()
     }
 
     async fn answer(&self, number: u64) {
@@ -219,5 +232,38 @@ fn incident(summary: &Summary) -> Incident {
         config: summary.configuration.clone(),
         bytes: if summary.recording.finished { summary.recording.bytes } else { 0 },
         sha256: summary.recording.sha256.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::record::summary::Recording;
+    use crate::store::DemoSecrets;
+
+    #[tokio::test(start_paused = true)]
+    async fn each_finished_recording_is_sent_by_itself_however_many_came_after_it() {
+        let data = tempfile::tempdir().unwrap();
+        let store = Store::open(data.path(), Clock::start(), DemoSecrets::Refused).unwrap();
+        for id in 1..=20 {
+            let (file, sha256) = (folder::file_name(id), Some("ab".repeat(32)));
+            let recording = Recording { file, sha256, bytes: 8, finished: id != 7, ..Recording::default() };
+            let summary = Summary { id, recording, ..Summary::default() };
+            store.incident_finished(&summary).await.unwrap();
+        }
+        let (tell, _told) = mpsc::channel(100);
+        let (send, mut sent) = mpsc::channel(100);
+        let recordings = Some(data.path().to_owned());
+        let (_wants, wanted) = mpsc::channel(1);
+        let looking = Looking { store, recordings, is_always: true, tell, send };
+        let running = tokio::spawn(looking.run(wanted));
+        let mut numbers = BTreeSet::new();
+        while numbers.len() < 19 {
+            numbers.insert(sent.recv().await.unwrap().incident);
+        }
+        assert_eq!(numbers, (1..=20).filter(|it| *it != 7).collect());
+        running.abort();
     }
 }
