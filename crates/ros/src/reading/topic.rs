@@ -12,7 +12,7 @@ use tokio::sync::{mpsc, watch};
 use super::delays::Delays;
 use super::keeping::Kept;
 use super::last_values::{LastValue, LastValues};
-use super::publishers::{Offer, Published, Verdict, Writers};
+use super::publishers::{Came, Offer, Published, Verdict, Writers};
 use super::readers::{Advice, Readers, Retention, Sample};
 use super::trouble::Troubles;
 use crate::discovery::graph::Paces;
@@ -264,7 +264,7 @@ impl Topic {
         let dds_type = &self.subscription.dds_type;
         let published = self.memory.writers.published(&sample.writer, sample.source, received);
         let troubles = &mut self.memory.troubles;
-        let came = (published == Published::Now).then_some((sample.source, received));
+        let came = Came { source: sample.source, received, is_now: published == Published::Now };
         let verdict = self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type, came);
         // A message that two readers received came once.
         if verdict != Verdict::Skip {

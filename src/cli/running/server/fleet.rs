@@ -249,6 +249,7 @@ mod tests {
         let store = Store::open(data.path(), Clock::start(), DemoSecrets::Refused).unwrap();
         for id in 1..=20 {
             let (file, sha256) = (folder::file_name(id), Some("ab".repeat(32)));
+            std::fs::write(data.path().join(&file), "recorded").unwrap();
             let recording = Recording { file, sha256, bytes: 8, finished: id != 7, ..Recording::default() };
             let summary = Summary { id, recording, ..Summary::default() };
             store.incident_finished(&summary).await.unwrap();

@@ -83,6 +83,15 @@ struct Known {
     first: Option<(Timestamp, Option<SystemTime>)>,
 }
 
+/// When a sample was published and received.
+#[derive(Debug, Clone, Copy)]
+pub struct Came {
+    pub source: Option<SystemTime>,
+    pub received: Timestamp,
+    /// It is for our reader, and not from before.
+    pub is_now: bool,
+}
+
 /// The sequence numbers of a writer. One forged message can have any number and any stamp.
 #[derive(Debug)]
 struct Numbers {
@@ -105,12 +114,11 @@ impl Numbers {
 
     /// Whether a sample with a number that is not higher is new all the same: it was published after the newest one, or
     /// lower numbers have come for long to a reader that is not catching up.
-    fn is_anew(
-        &mut self,
-        sequence: i64,
-        (source, now): (Option<SystemTime>, Timestamp),
-        in_order: bool,
-    ) -> bool {
+    fn is_anew(&mut self, sequence: i64, came: Came, in_order: bool) -> bool {
+        let Came { source, received: now, is_now } = came;
+        if !is_now {
+            return false;
+        }
         if sequence == self.last {
             self.lower = None;
             return false;
@@ -220,15 +228,8 @@ impl Writers {
         self.ours(dds_type).any(lags)
     }
 
-    /// Judges one sample. `came`: its source stamp and when it was received, unless it is from before our reader.
-    pub fn judge(
-        &mut self,
-        writer: &Guid,
-        sequence: i64,
-        via: Via,
-        dds_type: &str,
-        came: Option<(Option<SystemTime>, Timestamp)>,
-    ) -> Verdict {
+    /// Judges one sample.
+    pub fn judge(&mut self, writer: &Guid, sequence: i64, via: Via, dds_type: &str, came: Came) -> Verdict {
         let mut in_order = true;
         if let Some(Known { offer, reliably, .. }) = self.known.get_mut(writer) {
             if offer.type_name != dds_type {
@@ -249,13 +250,13 @@ impl Writers {
             lower: None,
         });
         let is_next = sequence > known.last;
-        if !is_next && !came.is_some_and(|came| known.is_anew(sequence, came, in_order)) {
+        if !is_next && !known.is_anew(sequence, came, in_order) {
             return Verdict::Skip;
         }
         let lost = if is_next { sequence.abs_diff(known.last) - 1 } else { 0 };
         (known.last, known.lower) = (sequence, None);
-        if let Some((Some(source), now)) = came {
-            known.stamp(source, now);
+        if let Some(source) = came.source {
+            known.stamp(source, came.received);
         }
         Verdict::Take { lost }
     }
@@ -267,6 +268,7 @@ mod tests {
 
     pub const START: (Timestamp, SystemTime) = (Timestamp::from_millis(5000), SystemTime::UNIX_EPOCH);
     pub const OURS: &str = "ours";
+    pub const BEFORE: Came = Came { source: None, received: Timestamp::ZERO, is_now: false };
     pub const A: Guid = [1; 16];
     pub const B: Guid = [2; 16];
 
@@ -294,7 +296,7 @@ mod tests {
             (A, 10, Verdict::Take { lost: 0 }),
         ];
         for (writer, sequence, expected) in samples {
-            assert_eq!(writers.judge(&writer, sequence, Via::Reliable, OURS, None), expected, "{sequence}");
+            assert_eq!(writers.judge(&writer, sequence, Via::Reliable, OURS, BEFORE), expected, "{sequence}");
         }
     }
 
@@ -303,7 +305,7 @@ mod tests {
     fn a_number_that_is_far_too_high_hides_nothing_that_is_published_after_it() {
         let stamp = |ms: u64| Some(SystemTime::UNIX_EPOCH + Duration::from_millis(ms));
         let take = |writers: &mut Writers, sequence, source, ms| {
-            let came = Some((source, Timestamp::from_millis(ms)));
+            let came = Came { source, received: Timestamp::from_millis(ms), is_now: true };
             writers.judge(&A, sequence, Via::BestEffort, OURS, came) != Verdict::Skip
         };
         for forged in [None, stamp(1), stamp(1000), stamp(10_u64.pow(12))] {
@@ -330,9 +332,18 @@ mod tests {
             take(&mut writers, 7 + number, stamp(100 * number as u64), 9000 + 100 * number as u64)
         });
         assert_eq!(first, Some(30), "what goes on counts after three seconds");
+        // What was from before our reader is not new when a second reader hears it later.
+        let mut writers = super::tests::writers(&[(A, offer(OURS, false, false))]);
+        let came = |ms, is_now| Came { source: stamp(ms), received: Timestamp::from_millis(9000), is_now };
+        for (number, is_now) in [(1, true), (2, false), (3, false)] {
+            let came = came(100 * number as u64, is_now);
+            assert_eq!(writers.judge(&A, number, Via::BestEffort, OURS, came), Verdict::Take { lost: 0 });
+        }
+        let again = came(200, true);
+        assert_eq!(writers.judge(&A, 2, Via::BestEffort, OURS, again), Verdict::Skip);
         // A reliable reader that repeats what it sent to one before it ends with the last one.
         let mut writers = super::tests::writers(&[(A, offer(OURS, true, false))]);
-        let came = |ms| Some((None, Timestamp::from_millis(ms)));
+        let came = |ms| Came { received: Timestamp::from_millis(ms), is_now: true, ..BEFORE };
         assert_eq!(writers.judge(&A, 100, Via::BestEffort, OURS, came(5000)), Verdict::Take { lost: 0 });
         for old in 1..100 {
             let came = came(5000 + 100 * old as u64);
@@ -344,40 +355,40 @@ mod tests {
     fn a_writer_is_not_read_out_of_order_once_a_reliable_reader_hears_it() {
         let mut writers = writers(&[(A, offer(OURS, true, false)), (B, offer(OURS, false, false))]);
         assert_eq!(
-            writers.judge(&A, 5, Via::BestEffort, OURS, None),
+            writers.judge(&A, 5, Via::BestEffort, OURS, BEFORE),
             Verdict::Take { lost: 0 },
             "the first alone"
         );
-        assert_eq!(writers.judge(&A, 5, Via::Reliable, OURS, None), Verdict::Skip);
-        assert_eq!(writers.judge(&A, 7, Via::BestEffort, OURS, None), Verdict::Skip);
-        assert_eq!(writers.judge(&A, 6, Via::Reliable, OURS, None), Verdict::Take { lost: 0 });
-        assert_eq!(writers.judge(&A, 7, Via::LastValue, OURS, None), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 5, Via::Reliable, OURS, BEFORE), Verdict::Skip);
+        assert_eq!(writers.judge(&A, 7, Via::BestEffort, OURS, BEFORE), Verdict::Skip);
+        assert_eq!(writers.judge(&A, 6, Via::Reliable, OURS, BEFORE), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 7, Via::LastValue, OURS, BEFORE), Verdict::Take { lost: 0 });
         writers.heard_by_best_effort_alone();
-        assert_eq!(writers.judge(&A, 9, Via::BestEffort, OURS, None), Verdict::Take { lost: 1 });
-        assert_eq!(writers.judge(&B, 7, Via::BestEffort, OURS, None), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 9, Via::BestEffort, OURS, BEFORE), Verdict::Take { lost: 1 });
+        assert_eq!(writers.judge(&B, 7, Via::BestEffort, OURS, BEFORE), Verdict::Take { lost: 0 });
     }
 
     #[test]
     fn a_reliable_reader_counts_once_it_has_received_the_messages_kept_for_killed_ones() {
         let mut writers = writers(&[(A, offer(OURS, true, false)), (B, offer(OURS, false, false))]);
         assert!(!writers.is_catching_up(OURS), "nothing was heard");
-        assert_eq!(writers.judge(&A, 100, Via::BestEffort, OURS, None), Verdict::Take { lost: 0 });
-        assert_eq!(writers.judge(&B, 100, Via::BestEffort, OURS, None), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 100, Via::BestEffort, OURS, BEFORE), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&B, 100, Via::BestEffort, OURS, BEFORE), Verdict::Take { lost: 0 });
         for old in 1..100 {
-            assert_eq!(writers.judge(&A, old, Via::Reliable, OURS, None), Verdict::Skip);
+            assert_eq!(writers.judge(&A, old, Via::Reliable, OURS, BEFORE), Verdict::Skip);
         }
         assert!(writers.is_catching_up(OURS));
-        assert_eq!(writers.judge(&A, 101, Via::BestEffort, OURS, None), Verdict::Take { lost: 0 });
-        assert_eq!(writers.judge(&A, 100, Via::Reliable, OURS, None), Verdict::Skip);
+        assert_eq!(writers.judge(&A, 101, Via::BestEffort, OURS, BEFORE), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 100, Via::Reliable, OURS, BEFORE), Verdict::Skip);
         assert!(writers.is_catching_up(OURS));
-        assert_eq!(writers.judge(&A, 101, Via::Reliable, OURS, None), Verdict::Skip);
+        assert_eq!(writers.judge(&A, 101, Via::Reliable, OURS, BEFORE), Verdict::Skip);
         assert!(!writers.is_catching_up(OURS));
         assert_eq!(
-            writers.judge(&A, 103, Via::BestEffort, OURS, None),
+            writers.judge(&A, 103, Via::BestEffort, OURS, BEFORE),
             Verdict::Skip,
             "102 may still be repaired"
         );
-        assert_eq!(writers.judge(&A, 102, Via::Reliable, OURS, None), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 102, Via::Reliable, OURS, BEFORE), Verdict::Take { lost: 0 });
     }
 
     #[test]
@@ -388,8 +399,8 @@ mod tests {
         assert_eq!(writers.update(offers.clone(), OURS, START), ["theirs"]);
         assert_eq!(writers.update(offers, OURS, START), [""; 0]);
         assert_eq!(writers.publishers(OURS), (1, Some("theirs"), false, false));
-        assert_eq!(writers.judge(&A, 1, Via::Reliable, OURS, None), Verdict::WrongType);
-        assert_eq!(writers.judge(&B, 1, Via::Reliable, OURS, None), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 1, Via::Reliable, OURS, BEFORE), Verdict::WrongType);
+        assert_eq!(writers.judge(&B, 1, Via::Reliable, OURS, BEFORE), Verdict::Take { lost: 0 });
     }
 
     #[test]
@@ -399,7 +410,7 @@ mod tests {
             let mut guid = [0; 16];
             guid[..4].copy_from_slice(&index.to_le_bytes());
             writers.update([(guid, offer(OURS, true, false))].into(), OURS, START);
-            writers.judge(&guid, 1, Via::Reliable, OURS, None);
+            writers.judge(&guid, 1, Via::Reliable, OURS, BEFORE);
         }
         assert!(writers.numbers.len() <= REMEMBERED_MAX + 1);
     }

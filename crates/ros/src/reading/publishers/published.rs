@@ -65,7 +65,7 @@ fn is_faster(first: Option<SystemTime>, source: SystemTime, took: Span) -> bool 
 #[cfg(test)]
 mod tests {
     use super::super::Offer;
-    use super::super::tests::{A, B, OURS, START, offer};
+    use super::super::tests::{A, B, BEFORE, OURS, START, offer};
     use super::*;
     use crate::transport::quality::Via;
 
@@ -75,7 +75,7 @@ mod tests {
         let mut writers = Writers::default();
         writers.listen(wall(98));
         for guid in heard {
-            writers.judge(guid, 1, Via::Reliable, OURS, None);
+            writers.judge(guid, 1, Via::Reliable, OURS, BEFORE);
         }
         writers.update(offers.iter().cloned().collect(), OURS, (Timestamp::from_millis(5000), wall(100)));
         // Discovery has news of others; the age of these does not change.
