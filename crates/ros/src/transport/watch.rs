@@ -30,11 +30,6 @@ static HEARS_ITSELF: AtomicBool = AtomicBool::new(false);
 /// Looks at which a process may still be ending by itself.
 const ENDING_MAX: u32 = 5;
 
-/// The network lets a participant hear itself.
-pub fn set_self_heard() {
-    HEARS_ITSELF.store(true, Ordering::Relaxed);
-}
-
 /// Whether the network lets a participant hear itself.
 pub fn is_self_heard() -> bool {
     HEARS_ITSELF.load(Ordering::Relaxed)
@@ -113,8 +108,8 @@ fn run(how: DdsProcess, socket: UnixStream) -> io::Result<Runner> {
 fn look_after(runner: &mut Runner, how: DdsProcess, shared: &Shared, closing: &mpsc::Receiver<()>) {
     let mut health = Health::default();
     loop {
-        if health.last.heard > 0 {
-            set_self_heard();
+        if health.last.heard > 0 || shared.is_announced.load(Ordering::Relaxed) {
+            HEARS_ITSELF.store(true, Ordering::Relaxed);
         }
         let closed = match closing.recv_timeout(LOOK) {
             Err(mpsc::RecvTimeoutError::Timeout) => false,

@@ -6,6 +6,7 @@
 
 use std::net::Ipv4Addr;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use tokio::net::UdpSocket;
@@ -16,7 +17,6 @@ use super::spdp;
 use crate::every;
 use crate::transport::ids::{Prefix, prefix};
 use crate::transport::inbox::{Loss, Shared};
-use crate::transport::watch;
 use crate::transport::wire::{Change, Order};
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::sample_bytes::Guid;
@@ -90,7 +90,7 @@ async fn keep(
         announced.note_met(&shared.seen());
         // A process that hangs before it has heard itself is known to be deaf only by this.
         if announced.packet(&own).is_some() {
-            watch::set_self_heard();
+            shared.is_announced.store(true, Ordering::Relaxed);
         }
         let age = announced.now().since(started);
         let is_old = age >= AGE_MIN;
