@@ -81,8 +81,6 @@ pub struct Shared {
     said_cut: AtomicBool,
     /// The process has made its participant.
     pub is_ready: AtomicBool,
-    /// Its announcement came back from the network.
-    pub is_announced: AtomicBool,
     /// The number of the process's beats, and the newest beat that it heard itself.
     pub beats: AtomicU64,
     pub heard: AtomicU64,
@@ -106,7 +104,6 @@ impl Shared {
             cut_of_ours: AtomicU32::new(0),
             said_cut: AtomicBool::new(false),
             is_ready: AtomicBool::new(false),
-            is_announced: AtomicBool::new(false),
             beats: AtomicU64::new(0),
             heard: AtomicU64::new(0),
         }

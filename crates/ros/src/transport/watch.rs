@@ -25,7 +25,7 @@ const SILENT_MAX: u32 = 8;
 const LATE_MAX: u64 = 8;
 /// The same for a process that has heard none of its beats yet, if an earlier one heard itself here.
 const NEVER_HEARD_MAX: u64 = 12;
-/// A participant on this network has heard itself, or its announcement came back. Not every network permits that.
+/// A participant on this network has heard itself. Not every network permits that.
 static HEARS_ITSELF: AtomicBool = AtomicBool::new(false);
 /// Looks at which a process may still be ending by itself.
 const ENDING_MAX: u32 = 5;
@@ -108,7 +108,7 @@ fn run(how: DdsProcess, socket: UnixStream) -> io::Result<Runner> {
 fn look_after(runner: &mut Runner, how: DdsProcess, shared: &Shared, closing: &mpsc::Receiver<()>) {
     let mut health = Health::default();
     loop {
-        if health.last.heard > 0 || shared.is_announced.load(Ordering::Relaxed) {
+        if health.last.heard > 0 {
             HEARS_ITSELF.store(true, Ordering::Relaxed);
         }
         let closed = match closing.recv_timeout(LOOK) {

@@ -6,7 +6,6 @@
 
 use std::net::Ipv4Addr;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use tokio::net::UdpSocket;
@@ -88,10 +87,6 @@ async fn keep(
     loop {
         rounds.tick().await;
         announced.note_met(&shared.seen());
-        // A process that hangs before it has heard itself is known to be deaf only by this.
-        if announced.packet(&own).is_some() {
-            shared.is_announced.store(true, Ordering::Relaxed);
-        }
         let age = announced.now().since(started);
         let is_old = age >= AGE_MIN;
         if age < ANNOUNCED_AGAIN_FOR
