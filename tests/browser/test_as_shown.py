@@ -1,5 +1,5 @@
-"""The paper's six scenarios and every fault of both simulations, live over DDS: each incident, replayed, gives change for change what
-was shown live. That stands in history.db; the replay is read as text, and in its pages at each of these instants."""
+"""The paper's six scenarios and every fault of both simulations, live over DDS or Zenoh: each incident, replayed, gives change for change
+what was shown live. That stands in history.db; the replay is read as text, and in its pages at each of these instants."""
 
 import contextlib
 import datetime
@@ -16,6 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from demo import Stream, brief, masked_by, roots, state
 from programs import ROOT, TELLTALE, simulation, until
 from test_developer import DEVELOPER
+from test_zenoh import router_address, running_router
 from vehicle import OPERATOR, Client, Server, own_domain
 
 # The simulations live in real time, and three vehicles at once leave little for others.
@@ -61,6 +62,7 @@ STORIES = {
     },
     # Scenario 1: nobody knows the dependencies.
     "alone": {
+        "transport": "zenoh",
         "config": re.sub(r"^ +depends_on: .*\n", "", SHUTTLE.read_text(), flags=re.MULTILINE),
         "faults": [("sensor_outage", 18, 24)],
         "shown": [
@@ -93,7 +95,8 @@ class Live:
         self.name, self.seen = name, []
         config = folder / f"{name}.yaml"
         config.write_text(story["config"])
-        self.server = Server(folder, domain, config=config)
+        transport = ["--transport", story.get("transport", "dds")]
+        self.server = Server(folder, domain, config=config, flags=transport)
         self.server.add_user(*OPERATOR)
         self.server.add_user(*DEVELOPER, role="developer")
         self.server.start()
@@ -103,7 +106,7 @@ class Live:
         self.stream = Stream(self.server, self.developer)
         open_until.callback(self.stream.close)
         threading.Thread(target=self.follow, daemon=True).start()
-        flags = ["--robot"] if name == "robot" else ["--drive"]
+        flags = [*transport, "--robot" if name == "robot" else "--drive"]
         for fault, begin, end in story["faults"]:
             flags += ["--fault", f"{fault}@{begin}..{end}"]
         open_until.enter_context(simulation(domain, config, *flags, log=folder / "sim.log"))
@@ -143,7 +146,8 @@ class Live:
 @pytest.fixture(scope="module")
 def vehicles(tmp_path_factory):
     """All of them side by side, each in a domain of its own."""
-    with contextlib.ExitStack() as stack:
+    with contextlib.ExitStack() as stack, pytest.MonkeyPatch.context() as patch:
+        stack.enter_context(running_router(router_address(patch)))
         yield {
             name: Live(tmp_path_factory.mktemp(name), own_domain() + 42 + number, name, story, stack)
             for number, (name, story) in enumerate(STORIES.items())

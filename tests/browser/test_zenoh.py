@@ -38,22 +38,28 @@ groups:
 """
 
 
+def router_address(patch):
+    """An address that all programs of the test know."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    patch.setenv("ZENOH_CONFIG_OVERRIDE", f'connect/endpoints=["{endpoint}"]')
+    return endpoint
+
+
+@contextlib.contextmanager
+def running_router(endpoint):
+    program = Program(PYTHON, RMW_ZENOH, "router", endpoint)
+    try:
+        until(lambda: program.said("ready"), 20, "the router is there")
+        yield program
+    finally:
+        program.kill()
+
+
 @pytest.fixture
 def router(monkeypatch):
-    """The command by which a router is started, at the address that all programs of the test know."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", f'connect/endpoints=["{endpoint}"]')
-
-    @contextlib.contextmanager
-    def running():
-        program = Program(PYTHON, RMW_ZENOH, "router", endpoint)
-        try:
-            until(lambda: program.said("ready"), 20, "the router is there")
-            yield program
-        finally:
-            program.kill()
-
-    return running
+    """The command by which a router is started."""
+    endpoint = router_address(monkeypatch)
+    return lambda: running_router(endpoint)
 
 
 def groups(client):
