@@ -19,7 +19,7 @@ use telltale_msg::sample_bytes::{Guid, RawBody};
 
 /// Bytes of messages that wait for one reader, beside the newest message.
 const WAITING_BYTES_MAX: usize = 32 << 20;
-/// Publishers of one reader whose messages are counted.
+/// Publishers of one reader that are remembered with the number of their newest message.
 const PUBLISHERS_MAX: usize = 256;
 /// Calls that are not answered yet.
 const CALLS_MAX: usize = 256;
@@ -206,10 +206,8 @@ impl Queue {
         if self.newest.len() >= PUBLISHERS_MAX {
             self.newest.clear();
         }
-        let newest = self.newest.entry(writer).or_insert(sequence);
-        let is_missing = sequence.saturating_sub(*newest) > 1;
-        *newest = sequence.max(*newest);
-        is_missing
+        let before = self.newest.insert(writer, sequence);
+        before.is_some_and(|before| sequence.saturating_sub(before) > 1)
     }
 
     pub fn push(&mut self, sample: RawSample) {
