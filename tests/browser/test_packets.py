@@ -90,7 +90,7 @@ class Watched:
         return modules.get("dds", {}).get("own") == "error" and modules[STATUS]["own"] == "unknown"
 
     def said_s(self):
-        """When the vehicle said what is shown."""
+        """When the vehicle sent the message that is shown."""
         module = self.module(STATUS)
         message = module["message"]
         if not message.startswith("at ") or module["own"] == "unknown":
@@ -98,12 +98,12 @@ class Watched:
         return float(message.split()[1])
 
     def wait_for_data(self, seconds=BACK_S):
-        """Until it is shown what the vehicle says from now on."""
+        """Until a message is shown that the vehicle sent after this call."""
         now = time.monotonic()
         until(lambda: self.said_s() > now, seconds, lambda: f"data are back: {self.described()}\n{self.server.read_log()[-3000:]}")
 
     def described(self):
-        """The module, the publishers, and the threads of the server and its processes, for somebody who looks for the cause."""
+        """The module, the publishers, and the threads of the server and its processes, to find the cause of a failure."""
         threads = ["ps", "-L", "-o", "pid,stat,time,rss,wchan:20,comm", "-p", ",".join(map(str, [self.server.process.pid, *self.server.children()]))]
         shown = subprocess.run(threads, text=True, capture_output=True).stdout
         said = [Path(it.program.log.name).read_text()[-200:] for it in (self.diagnostics, self.signal)]

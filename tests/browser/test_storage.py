@@ -144,7 +144,7 @@ def no_clearance(client):
 
 
 def recording_of(developer, number):
-    """What the list says of the recording of an incident."""
+    """The recording of an incident, as the list has it."""
     listed = json.load(developer.opener.open(f"{developer.server.url}/api/v1/incidents", timeout=10))
     return next((it["recording"] for it in listed if it["id"] == number), {})
 

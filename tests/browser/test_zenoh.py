@@ -57,7 +57,7 @@ def running_router(endpoint):
 
 @pytest.fixture
 def router(monkeypatch):
-    """The command by which a router is started."""
+    """Starts a router, each time at the same address."""
     endpoint = router_address(monkeypatch)
     return lambda: running_router(endpoint)
 

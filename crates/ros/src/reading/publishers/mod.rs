@@ -331,8 +331,8 @@ mod tests {
         let first = (0..60).find(|&number| {
             take(&mut writers, 7 + number, stamp(100 * number as u64), 9000 + 100 * number as u64)
         });
-        assert_eq!(first, Some(30), "what goes on counts after three seconds");
-        // What was from before our reader is not new when a second reader hears it later.
+        assert_eq!(first, Some(30), "lower numbers count after three seconds");
+        // A message from before our reader is not new when a second reader hears it later.
         let mut writers = super::tests::writers(&[(A, offer(OURS, false, false))]);
         let came = |ms, is_now| Came { source: stamp(ms), received: Timestamp::from_millis(9000), is_now };
         for (number, is_now) in [(1, true), (2, false), (3, false)] {
@@ -341,7 +341,7 @@ mod tests {
         }
         let again = came(200, true);
         assert_eq!(writers.judge(&A, 2, Via::BestEffort, OURS, again), Verdict::Skip);
-        // A reliable reader that repeats what it sent to one before it ends with the last one.
+        // A reliable reader receives the older messages again, and the last one at their end.
         let mut writers = super::tests::writers(&[(A, offer(OURS, true, false))]);
         let came = |ms| Came { received: Timestamp::from_millis(ms), is_now: true, ..BEFORE };
         assert_eq!(writers.judge(&A, 100, Via::BestEffort, OURS, came(5000)), Verdict::Take { lost: 0 });

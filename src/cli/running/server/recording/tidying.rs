@@ -22,10 +22,10 @@ use crate::record::{folder, found, note_file, removed};
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{IncidentRecords, Store};
 
-/// Old recordings, and those that are not whole, are looked for this often.
+/// Old and incomplete recordings are looked for this often.
 const TIDY_EVERY: Span = Span::from_secs(600);
 
-/// Those that are not whole are looked for this soon after room was short: a full disk may have cut them off.
+/// Incomplete recordings are looked for this soon after room was short: a full disk may have cut them off.
 const WHOLE_AFTER: Span = Span::from_secs(10);
 
 /// Where room is short, they are looked for again after this time.
