@@ -73,8 +73,10 @@ def healthy(snapshot):
 class Faults:
     def __init__(self, client):
         self.client = client
+        self.active = set()
 
     def set(self, name, active):
+        (self.active.add if active else self.active.discard)(name)
         self.client.post("/demo/fault", name=name, active="true" if active else "false")
 
     def over(self, name, stream):

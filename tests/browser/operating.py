@@ -133,13 +133,16 @@ CLEARED = "() => ['cleared', 'active'].includes(document.body.dataset.stage)"
 
 
 def ask_for_clearance(page):
-    """The first step, as soon as nothing stands in the way; it is refused where something has just come up."""
+    """The first step, as soon as nothing stands in the way; it is refused where something has just come up, and taken back
+    by news. Returns the place of the second step."""
     ready = page.locator("#actions button[name=clearance]:not([aria-disabled])")
     for _ in range(5):
         expect(ready).to_be_visible(timeout=40_000)
         try:
             ready.tap(timeout=3_000)
-            return step(page, "confirm").wait_for(timeout=3_000)
+            step(page, "confirm").wait_for(timeout=3_000)
+            if box := step(page, "confirm").bounding_box():
+                return box
         except TimeoutError:
             continue
     raise AssertionError("a clearance is refused again and again")

@@ -1,10 +1,11 @@
 """Links between the developer's pages load no document, and behave as if they did."""
 
+import contextlib
 import re
 import signal
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Error, expect
 
 from accessible import violations
 from operating import enter
@@ -197,7 +198,9 @@ def test_who_is_no_longer_logged_in_is_led_to_the_login(server, vehicle, develop
     cookies = page.context.cookies()
     # A tab whose session has ended, while its socket is still open.
     page.context.clear_cookies()
-    page.get_by_role("link", name="Graph", exact=True).click()
+    # If a busy machine has made it late, the page opens another socket, and is led there without the click.
+    with contextlib.suppress(Error):
+        page.evaluate("() => document.querySelector('nav [href=\"/developer/graph\"]')?.click()")
     page.wait_for_url(server.url + "/login")
     page.context.add_cookies(cookies)
     visit(page, server, "/developer")
