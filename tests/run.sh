@@ -183,13 +183,13 @@ scenarios() {
 
 # The real program, foreign DDS peers and a real browser. Most of these tests wait most of the time, so
 # several processes run them side by side, each with DDS domains and ports of its own. Tests with limits of
-# seconds (`pytest.mark.timed`) run three at a time, a file in one process; those that measure times close to
+# seconds (`pytest.mark.timed`) run two at a time, a file in one process; those that measure times close to
 # their limits (`pytest.mark.alone`) run last, with nothing beside them.
 browser_tests() {
     say "the whole program side by side: foreign DDS peers, real browser"
     browser_part together -m "not alone and not timed" --numprocesses 3 --dist worksteal
     say "the whole program, where limits are seconds"
-    browser_part timed -m "timed and not alone" --numprocesses 3 --dist loadfile
+    browser_part timed -m "timed and not alone" --numprocesses 2 --dist loadfile
     say "the whole program, where times are measured"
     browser_part alone -m alone --numprocesses 1
 }

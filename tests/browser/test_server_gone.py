@@ -12,8 +12,7 @@ import measure_pixels
 from operating import expect_standing, log_in, touch_context, watch
 from vehicle import OPERATOR, Client, Writer, serving, until
 
-# The long absence waits most of its time; the others measure times close to their limits.
-ALONE, TIMED = pytest.mark.alone, pytest.mark.timed
+ALONE = pytest.mark.alone
 
 WATCH = """() => {
   window.liveLog = [];
@@ -78,7 +77,7 @@ AWAY_S = 25
 PAGES = 5
 
 
-@TIMED
+@ALONE
 def test_after_a_long_absence_the_page_is_live_within_two_seconds(server, vehicle, chromium, trouble):
     """Ten returns: five pages, two restarts. Browsers hold sockets back after some that failed, so the page opens
     none while the server is away."""
