@@ -134,10 +134,10 @@ def test_developers_see_the_nodes_of_the_shuttle_as_they_come_and_go(demo, strea
     def nodes():
         with developer.opener.open(demo.url + "/developer/topics", timeout=10) as answer:
             page = answer.read().decode()
-        return set(re.findall(r"/\w+_driver\b|/simulated_shuttle\b|/telltale\b", page))
+        return set(re.findall(r"/\w+_driver\b|/simulated_machine\b|/telltale\b", page))
 
     stream.wait(healthy, A_LEG_S, "all is well")
-    everybody = {"/camera_driver", "/imu_driver", "/gnss_driver", "/simulated_shuttle"}
+    everybody = {"/camera_driver", "/imu_driver", "/gnss_driver", "/simulated_machine"}
     until(lambda: everybody <= nodes(), 10, nodes)
     faults.set("camera_crash", True)
     until(lambda: everybody - nodes() == {"/camera_driver"}, 10, nodes)

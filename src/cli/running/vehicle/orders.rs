@@ -25,7 +25,7 @@ const STOP: &str = "stop";
 const HOLD: &str = "hold";
 
 /// Its name in the graph of ROS 2.
-const NODE: &str = "simulated_shuttle";
+const NODE: &str = "simulated_machine";
 
 /// How long another's `true` on the topic of the hold stands against a `false`: it is repeated each second.
 const HOLD_STANDS: Span = Span::from_secs(3);
