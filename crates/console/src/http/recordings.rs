@@ -6,7 +6,6 @@ use axum::response::{IntoResponse, Redirect, Response};
 use serde_json::json;
 use telltale_clock::unix_ms;
 use telltale_fleet::message::{NotSent, VehicleId};
-use telltale_record::retention::size;
 use telltale_store::audit::{Action, Record};
 use telltale_store::{Role, Session};
 use telltale_web::common::{CameFrom, Reader, SignedIn, Speaks, json_answer, sent_recording};
@@ -48,7 +47,7 @@ pub fn incidents(vehicle: &Vehicle, role: Role, lang: Lang) -> (Vec<IncidentHtml
             at: time(it.since),
             lasts: it.until.is_none(),
             causes: it.causes.join(", "),
-            size: if it.sha256.is_some() { size(it.bytes) } else { String::new() },
+            size: if it.sha256.is_some() { lang.size(it.bytes) } else { String::new() },
             step: name,
             words,
             fetches: may_fetch && !is_here && !step.is_some_and(Step::is_open),
@@ -66,7 +65,10 @@ pub fn told(step: Option<&Step>, lang: Lang) -> (&'static str, String) {
         None => ("none", ""),
         Some(Step::Asked) => ("asked", words.asked_for),
         Some(Step::Coming { pieces, have }) => {
-            return ("coming", lang.recording_comes(have * 100 / pieces.pieces.max(1), &size(pieces.bytes)));
+            return (
+                "coming",
+                lang.recording_comes(have * 100 / pieces.pieces.max(1), &lang.size(pieces.bytes)),
+            );
         }
         Some(Step::Here(_)) => ("here", words.recording_here),
         Some(Step::Refused(NotSent::Never)) => ("refused", words.sent_never),

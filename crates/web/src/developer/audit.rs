@@ -130,8 +130,12 @@ fn word(written: &str, lang: Lang) -> &str {
     lang.of_audit(written).unwrap_or(written)
 }
 
-/// Telltale's own words of a countermeasure, `decelerate: requested, because of NODES`, in this language. All others stay as they are.
+/// A stage, and Telltale's own words of a countermeasure, `decelerate: requested, because of NODES`, in this language. All
+/// others stay as they are.
 fn target(action: &str, written: &str, lang: Lang) -> String {
+    if action == Action::Stage.as_str() {
+        return word(written, lang).to_owned();
+    }
     let parts = written.split_once(": ").filter(|_| action == Action::Countermeasure.as_str());
     let Some((request, rest)) = parts else { return written.to_owned() };
     let (how, because) =
@@ -184,6 +188,7 @@ mod tests {
         assert_eq!(target("countermeasure", written, Lang::En), written);
         let german = "Sicher anhalten: verlangt, wegen Fahrbegleitung, sensors/lidar";
         assert_eq!(target("countermeasure", written, Lang::De), german);
+        assert_eq!(target("stage", "active", Lang::De), "autonom");
         assert_eq!(target("demo fault", "notify: true", Lang::De), "notify: true");
     }
 }

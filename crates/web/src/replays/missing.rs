@@ -90,7 +90,7 @@ impl Missing {
         let span = |gap: &GapThen| SpanTold {
             from: At::of(gap.from_ms),
             to: gap.to_ms.map(At::of),
-            length: gap.to_ms.map(|to_ms| seconds(to_ms - gap.from_ms)).unwrap_or_default(),
+            length: gap.to_ms.map(|to_ms| lang.decimals(&seconds(to_ms - gap.from_ms))).unwrap_or_default(),
         };
         (!self.gaps.is_empty()).then(|| MissingTold {
             title: self.title(it),

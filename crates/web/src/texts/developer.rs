@@ -320,6 +320,11 @@ texts! {
         "engineer" => "engineer", "Flottentechnik";
         "authority" => "authority", "Aufsicht";
         "command line" => "command line", "Kommandozeile";
+        "locked" => "locked", "gesperrt";
+        "localizing" => "localizing", "Lokalisierung";
+        "standby" => "standby", "Bereitschaft";
+        "cleared" => "cleared", "freigegeben";
+        "active" => "active", "autonom";
         "done" => "done", "ausgeführt";
         "start" => "start", "Start";
         "end" => "end", "Ende";

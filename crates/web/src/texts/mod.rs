@@ -95,6 +95,7 @@ pub use refusals::InvalidTap;
 use telltale_engine::model::quantity::number;
 use telltale_engine::snapshot::Report;
 use telltale_engine::text::Text;
+use telltale_record::retention::size;
 
 telltale_engine::words! {
     /// A language of the pages, with the tag of the `lang` attribute and cookie.
@@ -125,6 +126,16 @@ impl Lang {
         self.choose(&report.message, report.german.as_ref().unwrap_or(&report.message))
     }
 
+    /// A number, perhaps with a unit, with the decimal separator of the language.
+    pub fn decimals(self, number: &str) -> String {
+        number.replace('.', self.choose(".", ","))
+    }
+
+    /// A number of bytes for people.
+    pub fn size(self, bytes: u64) -> String {
+        self.decimals(&size(bytes))
+    }
+
     /// A number as people read it: times `factor`, with few digits, with the decimal separator of the language
     /// and with its unit. A number that is followed by a unit keeps that, and any other text stays.
     pub fn quantity(self, text: &str, factor: f64, unit: &str) -> String {
@@ -138,7 +149,7 @@ impl Lang {
         // A whole number, as a count, is exact.
         let exact = factor == 1.0 && (digits <= 3 || !first.contains('.'));
         let number = if exact { first.to_owned() } else { number(value * factor) };
-        let number = number.replace('.', self.choose(".", ","));
+        let number = self.decimals(&number);
         if rest.is_empty() { number } else { format!("{number} {rest}") }
     }
 }

@@ -16,7 +16,6 @@ use telltale_picture::bars::patterns;
 use telltale_picture::strips::{Axis, recorded, stamp};
 use telltale_picture::svg::escaped;
 use telltale_record::proof::Proof;
-use telltale_record::retention::size;
 use telltale_record::story::{Happened, Moment, NodeStrip, Period, Story, ToldTopic, known};
 use telltale_record::summary::{FrozenNode, Recording, Summary};
 use telltale_store::Incident;
@@ -211,14 +210,14 @@ impl Content {
             to_ms: story.to_ms,
             ticks: if story.strips.is_empty() { Vec::new() } else { ticks(axis) },
             frozen: summary.freeze.iter().map(frozen).collect(),
-            size: size(recording.bytes),
-            pre_roll_s: format!("{:.1} s", recording.pre_roll_s),
+            size: lang.size(recording.bytes),
+            pre_roll_s: lang.decimals(&format!("{:.1} s", recording.pre_roll_s)),
             messages: recording.messages,
             missing: recording.missing.max(story.lost),
             sha256: clean(recording.sha256.as_deref().unwrap_or_default(), MESSAGE),
             version: clean(&summary.version, NAME),
             configuration: clean(&summary.configuration, MESSAGE),
-            topics: story.topics.iter().map(topic).collect(),
+            topics: story.topics.iter().map(|it| topic(lang, it)).collect(),
             is_read: matches!(read, Read::Told(_)),
             it,
             words,
@@ -251,7 +250,7 @@ fn of_proof(it: &IncidentWords, proof: &Proof) -> Option<String> {
 /// The messages that the recording lacks because it had reached its size.
 fn no_room(lang: Lang, recording: &Recording) -> Option<String> {
     let &Recording { left_out: count, left_out_bytes: bytes, .. } = recording;
-    let bytes = size(bytes);
+    let bytes = lang.size(bytes);
     (count > 0).then(|| lang.no_room(count, &bytes))
 }
 
@@ -350,14 +349,15 @@ fn node_bars(painter: &Painter, strip: &NodeStrip) -> String {
     recorded(&stretches).iter().map(|segment| painter.segment(segment)).collect()
 }
 
-fn topic(topic: &ToldTopic) -> TopicRow {
+fn topic(lang: Lang, topic: &ToldTopic) -> TopicRow {
     TopicRow {
         topic: clean(&topic.topic, 2 * NAME),
         broken: broken(&topic.topic),
         type_name: broken(&topic.type_name),
-        seconds: format!("{:.1}", topic.last_ms.saturating_sub(topic.first_ms) as f64 / 1000.0),
+        seconds: lang
+            .decimals(&format!("{:.1}", topic.last_ms.saturating_sub(topic.first_ms) as f64 / 1000.0)),
         messages: topic.messages,
-        size: size(topic.bytes),
-        left_out: (topic.left_out > 0).then(|| (topic.left_out, size(topic.left_out_bytes))),
+        size: lang.size(topic.bytes),
+        left_out: (topic.left_out > 0).then(|| (topic.left_out, lang.size(topic.left_out_bytes))),
     }
 }

@@ -15,7 +15,7 @@ use crate::view::page::frame::PageFrame;
 use crate::view::{View, html};
 use telltale_clock::unix_ms;
 use telltale_engine::model::Stage;
-use telltale_record::retention::{Policy, size};
+use telltale_record::retention::Policy;
 use telltale_store::{Incident, IncidentFilter, OnDisk, Role, StoreError};
 
 /// Incidents on one page.
@@ -193,7 +193,7 @@ fn row(it: &'static IncidentWords, view: &View<'_>, incident: &Incident) -> Row 
         kinds: kinds.iter().map(|kind| clean(lang.trigger(kind).unwrap_or(kind), NAME)).collect(),
         stage: Stage::from_word(&summary.stage).map_or("", |stage| lang.stage(stage, true)),
         flags: flags(it, incident),
-        size: size(summary.recording.bytes),
+        size: lang.size(summary.recording.bytes),
         note: said(incident),
     }
 }
@@ -229,12 +229,12 @@ pub(super) fn flags(it: &IncidentWords, incident: &Incident) -> Vec<&'static str
 /// The size of the recordings, and how long their share of the disk lasts if every day is as this one.
 fn on_disk_words(lang: Lang, on_disk: OnDisk, policy: Option<Policy>) -> String {
     let OnDisk { count, bytes, bytes_since } = on_disk;
-    let disk = policy.map(|policy| size(policy.disk));
-    let taken = lang.on_disk(disk.as_deref(), count, &size(bytes));
+    let disk = policy.map(|policy| lang.size(policy.disk));
+    let taken = lang.on_disk(disk.as_deref(), count, &lang.size(bytes));
     let Some(policy) = policy else { return taken };
     let keep_days = policy.keep.as_nanos() / (DAY_MS as u64 * 1_000_000);
     let days = policy.disk.saturating_sub(bytes).checked_div(bytes_since);
-    let rate = lang.disk_lasts(days, keep_days, &size(bytes_since));
+    let rate = lang.disk_lasts(days, keep_days, &lang.size(bytes_since));
     format!("{taken} {rate}")
 }
 

@@ -14,12 +14,11 @@ use crate::AppState;
 use crate::source::Source;
 
 use super::request::PageRequest;
-use crate::texts::{DevWords, MESSAGE, NAME, clean};
+use crate::texts::{DevWords, Lang, MESSAGE, NAME, clean};
 use crate::view::page::frame::PageFrame;
 use crate::view::{PageContext, View, html};
 use telltale_engine::discovery::{Discovery, Endpoint, Mismatch, TopicSeen};
 use telltale_record::recorder::Meter;
-use telltale_record::retention::size;
 use telltale_runtime::Published;
 
 use super::incidents::content::broken;
@@ -140,8 +139,9 @@ pub fn page(
         node_count: seen.nodes.len(),
         more: seen.more,
         columns: 8 + usize::from(meter.is_some()),
-        memory: meter
-            .map(|meter| (format!("{} s", meter.wanted.as_millis() / 1000), size(meter.memory as u64))),
+        memory: meter.map(|meter| {
+            (format!("{} s", meter.wanted.as_millis() / 1000), view.lang.size(meter.memory as u64))
+        }),
     })
 }
 
@@ -162,7 +162,7 @@ fn row(
     wanted: &Wanted,
     meter: Option<&Meter>,
 ) -> TopicRow {
-    let words = DevWords::of(view.lang);
+    let (lang, words) = (view.lang, DevWords::of(view.lang));
     let word = |mismatch: Mismatch| match mismatch {
         Mismatch::Type => words.mismatch_type,
         Mismatch::Reliability => words.mismatch_reliability,
@@ -181,11 +181,11 @@ fn row(
             endpoints(&topic.publishers, topic.publishers.iter().any(|it| it.ours)),
             endpoints(&topic.subscribers, topic.rate_hz.is_some()),
         ],
-        rate: topic.rate_hz.map(|rate| format!("{rate:.1} Hz")),
+        rate: topic.rate_hz.map(|rate| lang.decimals(&format!("{rate:.1} Hz"))),
         jitter: topic
             .jitter_ms
-            .map(|ms| if ms < 9.95 { format!("{ms:.1} ms") } else { format!("{ms:.0} ms") }),
-        wanted: wanted.in_words().map(|rate| (rate, wanted.is_now)),
+            .map(|ms| if ms < 9.95 { lang.decimals(&format!("{ms:.1} ms")) } else { format!("{ms:.0} ms") }),
+        wanted: wanted.in_words().map(|rate| (lang.decimals(&rate), wanted.is_now)),
         pace: match (wanted.is_too_slow(topic), wanted.is_too_fast(topic)) {
             (true, _) => ("too_slow", words.too_slow),
             (_, true) => ("too_fast", words.too_fast),
@@ -200,7 +200,7 @@ fn row(
         more_monitors: wanted.monitors.len().saturating_sub(MONITORS),
         draft_address: draft.is_some().then(|| query.toggled("monitor", &topic.name)),
         draft: draft.filter(|_| is_asked),
-        held: meter.and_then(|meter| held(&topic.name, meter)),
+        held: meter.and_then(|meter| held(lang, &topic.name, meter)),
         mismatches: topic.mismatches().into_iter().map(word).chain(twice).collect(),
     }
 }
@@ -219,12 +219,15 @@ impl TypeParts {
     }
 }
 
-fn held(topic: &str, meter: &Meter) -> Option<HeldCell> {
+fn held(lang: Lang, topic: &str, meter: &Meter) -> Option<HeldCell> {
     let index = meter.topics.binary_search_by(|held| (*held.topic).cmp(topic)).ok()?;
     let held = &meter.topics[index];
     Some(HeldCell {
         seconds: (held.span.as_millis() / 1000).to_string(),
-        flow: held.bytes_per_s().filter(|_| !held.is_sizes_only).map(|bytes| format!("{}/s", size(bytes))),
+        flow: held
+            .bytes_per_s()
+            .filter(|_| !held.is_sizes_only)
+            .map(|bytes| format!("{}/s", lang.size(bytes))),
         dropped: held.dropped,
         is_short: held.is_short_of(meter.wanted),
         is_sizes_only: held.is_sizes_only,
@@ -252,7 +255,6 @@ fn endpoints(endpoints: &[Endpoint], ours: bool) -> EndpointList {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::texts::Lang;
     use crate::view::Palette;
     use crate::view::tests::{context, jump};
     use telltale_engine::time::{Span, Timestamp};

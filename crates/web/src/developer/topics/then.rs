@@ -5,11 +5,10 @@ use askama::Template;
 use crate::developer::pager::Pager;
 use crate::developer::{DevFrame, Page, PageQuery, frame};
 use crate::incidents::wall_time;
-use crate::texts::{MESSAGE, NAME, clean};
+use crate::texts::{Lang, MESSAGE, NAME, clean};
 use crate::view::page::frame::PageFrame;
 use crate::view::{PageContext, View, html};
 use telltale_clock::unix_ms;
-use telltale_record::retention::size;
 use telltale_replay::{FlowThen, Flows};
 use telltale_runtime::Published;
 
@@ -51,23 +50,23 @@ pub fn page(published: &Published, context: &PageContext, query: &PageQuery, flo
         dev: DevFrame::new(view, context, Page::Topics, RENEW_MS),
         filter: clean(query.get("q"), MESSAGE),
         pager,
-        rows: topics[shown].iter().map(|topic| row(topic, at_ms)).collect(),
+        rows: topics[shown].iter().map(|topic| row(view.lang, topic, at_ms)).collect(),
     })
 }
 
-fn row(then: &FlowThen, at_ms: i64) -> Row {
+fn row(lang: Lang, then: &FlowThen, at_ms: i64) -> Row {
     let last = then.last_ns.map(|ns| i64::try_from(ns / 1_000_000).unwrap_or(i64::MAX));
     let is_flowing = then.rate_hz > 0.0;
     Row {
         name: clean(&then.topic, 2 * NAME),
         broken: broken(&then.topic),
         type_parts: TypeParts::of(&then.type_name),
-        rate: if is_flowing { format!("{:.1} Hz", then.rate_hz) } else { String::new() },
-        flow: if is_flowing { format!("{}/s", size(then.bytes_per_s as u64)) } else { String::new() },
+        rate: if is_flowing { lang.decimals(&format!("{:.1} Hz", then.rate_hz)) } else { String::new() },
+        flow: if is_flowing { format!("{}/s", lang.size(then.bytes_per_s as u64)) } else { String::new() },
         messages: then.messages,
         last: last.map(|last_ms| {
             let before_ms = at_ms.saturating_sub(last_ms).max(0);
-            (wall_time(last_ms), format!("{}.{} s", before_ms / 1000, before_ms % 1000 / 100))
+            (wall_time(last_ms), lang.decimals(&format!("{}.{} s", before_ms / 1000, before_ms % 1000 / 100)))
         }),
     }
 }
@@ -75,7 +74,6 @@ fn row(then: &FlowThen, at_ms: i64) -> Row {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::texts::Lang;
     use crate::view::Palette;
     use crate::view::tests::{context, jump};
     use telltale_record::file::Channel;

@@ -61,7 +61,7 @@ fn transition(lang: Lang, painter: &Painter, segment: &Segment, is_last: bool) -
         own: segment.own_fault().map_or("", |own| lang.state(own)),
         cause,
         message: painter.message(segment),
-        lasted: if is_last { String::new() } else { lasting(ms) },
+        lasted: if is_last { String::new() } else { lang.decimals(&lasting(ms)) },
     }
 }
 

@@ -151,7 +151,7 @@ fn first_of(lang: Lang, comparison: &Comparison, Parting { at, of }: &Parting) -
     let wall = crate::incidents::wall_time(ms);
     First {
         at_ms: ms,
-        after: format!("{:.3} s", seconds(comparison.facts.from, *at)),
+        after: lang.decimals(&format!("{:.3} s", seconds(comparison.facts.from, *at))),
         clock: wall.get(11..23).unwrap_or_default().to_owned(),
         what,
         was,
