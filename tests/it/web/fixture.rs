@@ -1,5 +1,6 @@
 //! A small vehicle behind the real engine, the real store in memory, and requests to the router.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 
 use axum::Router;
@@ -22,7 +23,7 @@ use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
 use telltale::runtime::{self, Link, Rehearsal, Reread, Stamped};
 use telltale::store::{DemoSecrets, History, Session, Store, Token};
-use telltale::web::{AppState, DemoFault, DemoFaults, FaultSwitch, Origins, Settings, router};
+use telltale::web::{AppState, DemoFault, DemoFaults, FaultSwitch, Origins, Peer, Settings, router};
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 use tower::ServiceExt;
@@ -383,6 +384,13 @@ pub fn form_request(path: &str, cookie: Option<&str>, form: &str) -> Request<Bod
     headers.insert(CONTENT_TYPE, "application/x-www-form-urlencoded".parse().unwrap());
     *request.body_mut() = Body::from(form.to_owned());
     request
+}
+
+/// A program's login from this address.
+pub fn login_from(source: &str, form: &str) -> Request<Body> {
+    let mut login = form_request("/login", None, form);
+    login.extensions_mut().insert(Peer(SocketAddr::new(source.parse().unwrap(), 40_000)));
+    as_program(login)
 }
 
 /// As a program asks: it wants JSON.

@@ -14,7 +14,7 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
 use super::expired_sessions::Disk;
-use super::fixture::{Answer, Fixture, as_program, form_request, settled, until};
+use super::fixture::{Answer, Fixture, as_program, form_request, login_from, settled, until};
 
 /// An operator at a vehicle that stands, whose taps wait between their judgement and the disk.
 struct Scene {
@@ -421,4 +421,30 @@ async fn a_logout_that_the_disk_writes_after_its_time_is_undone() {
         }
     }
     panic!("no logout was written late");
+}
+
+#[tokio::test]
+async fn nobody_takes_over_unannounced_when_the_vehicle_drives_off_meanwhile() {
+    // At one of its displays the take-over can be announced, with another login.
+    for (source, status) in
+        [("10.0.0.9", StatusCode::CONFLICT), ("127.0.0.1", StatusCode::SERVICE_UNAVAILABLE)]
+    {
+        let mut scene = Scene::standing().await;
+        scene.fixture.store.add_user("bert", Role::Operator, "a long password").await.unwrap();
+        let login = login_from(source, "name=bert&secret=a+long+password&take_over=1");
+        let login = scene.fixture.start(login);
+        let judged = scene.judged().await;
+        assert!(judged.preview.is_ok());
+        scene.fixture.drive(true).await;
+        scene.fixture.until(|snapshot| snapshot.is_under_way()).await;
+        judged.go_on();
+        let answer = login.await.unwrap();
+        assert_eq!((answer.status, answer.cookie()), (status, None), "{}", answer.body);
+        scene.until_refused("the vehicle has begun to drive").await;
+        assert!(scene.fixture.session(&scene.cookie).is_open());
+        let snapshot = scene.fixture.until(|_| true).await;
+        assert_eq!(snapshot.operator.as_deref(), Some("operator"));
+        let after_a_restart = scene.fixture.store.operator_in_charge().await.unwrap();
+        assert_eq!(after_a_restart.as_deref(), Some("operator"));
+    }
 }

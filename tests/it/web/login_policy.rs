@@ -15,12 +15,10 @@ use telltale::engine::time::Span;
 use telltale::store::Role;
 use telltale::web::{DEVELOPER_IDLE_MAX, Enrolled, Peer, Proxies, VehicleDisplay};
 
-use super::fixture::{Answer, Fixture, as_program, form_request, request, settled, until};
+use super::fixture::{Answer, Fixture, as_program, form_request, login_from, request, settled, until};
 
 async fn log_in_from(fixture: &Fixture, source: &str, form: &str) -> Answer {
-    let mut login = form_request("/login", None, form);
-    login.extensions_mut().insert(Peer(SocketAddr::new(source.parse().unwrap(), 40_000)));
-    fixture.send(as_program(login)).await
+    fixture.send(login_from(source, form)).await
 }
 
 #[tokio::test]

@@ -54,6 +54,8 @@ impl From<NoAnswer> for NotOpened {
 /// A login or a logout waits no longer than this for others and for the disk; then it is not done.
 pub const DONE_WITHIN: Span = Span::from_secs(4);
 const LATE: &str = "the disk did not answer in time";
+const DRIVES: &str = "the vehicle drives, and this is none of its displays";
+const DROVE_OFF: &str = "the vehicle has begun to drive";
 
 /// The operator in charge changes for one reason at a time.
 #[derive(Debug, Default)]
@@ -116,6 +118,15 @@ pub async fn leave(
     tokio::spawn(closing).await.unwrap_or(Err(NotOpened::Unavailable))
 }
 
+/// How a vehicle lets a user in.
+enum Way {
+    Open,
+    /// It drives: the operator in charge is told first.
+    Announced,
+    /// It drives, and the user is not at one of its displays.
+    Closed,
+}
+
 /// A user who proved the secret and asks for a session.
 pub struct LoginAttempt {
     pub user: Verified,
@@ -144,26 +155,22 @@ impl LoginAttempt {
             app.store.record(self.record(Action::Login).refused(why), None).await;
             return Err(NotOpened::OtherOperator(other.to_owned()));
         }
-        let snapshot = app.published().snapshot;
-        let drives = snapshot.is_under_way();
-        // The operator in charge keeps the place between stops too. An empty place is refused only while the vehicle moves: else
-        // nobody could release or stop it.
-        let is_kept = match snapshot.operator.as_deref() {
-            Some(other) => other != name && drives,
-            None => snapshot.moves(),
-        };
-        if role == Role::Operator && is_kept && app.caller(self.source) != Caller::Vehicle {
-            let why = "the vehicle drives, and this is none of its displays";
-            app.store.record(self.record(Action::Login).refused(why), None).await;
+        let way = self.way(app);
+        if matches!(way, Way::Closed) {
+            app.store.record(self.record(Action::Login).refused(DRIVES), None).await;
             return Err(NotOpened::Drives);
         }
-        // At the driver's own display nobody has to be told.
-        let is_here = self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
-        let announced = other.as_deref().filter(|_| drives && !is_here);
+        let announced = if matches!(way, Way::Announced) { other.as_deref() } else { None };
         if announced.is_some() && app.hand_overs.is_announced() {
             return Err(NotOpened::Busy);
         }
+        // It ends the session of the operator in charge, so no clearance may come between.
+        let acting = match self.ends_operator(app) {
+            true => Some(app.clock.by(self.until, app.turns.take()).await.ok_or(NotOpened::Busy)?),
+            false => None,
+        };
         if let Some(reason) = self.is_refused_logout(app) {
+            drop(acting);
             let record = self.record(Action::Login).refused(format!("{:?}", [&reason]));
             app.store.record(record, None).await;
             return Err(NotOpened::Refused(vec![reason]));
@@ -213,15 +220,40 @@ impl LoginAttempt {
         Entering { user: &self.user, before: self.before.as_ref(), vehicle, from, stay }
     }
 
+    /// How the vehicle lets this user in now.
+    fn way(&self, app: &Live) -> Way {
+        let snapshot = app.published().snapshot;
+        let drives = snapshot.is_under_way();
+        let other = snapshot.operator.as_deref().filter(|it| *it != self.user.name());
+        // The operator in charge keeps the place between stops too. An empty place is refused only while the vehicle moves: else
+        // nobody could release or stop it.
+        let is_kept = match snapshot.operator {
+            Some(_) => other.is_some() && drives,
+            None => snapshot.moves(),
+        };
+        // At the driver's own display nobody has to be told.
+        let is_here = || self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
+        match self.user.role() {
+            Role::Operator if is_kept && app.caller(self.source) != Caller::Vehicle => Way::Closed,
+            Role::Operator if other.is_some() && drives && !is_here() => Way::Announced,
+            _ => Way::Open,
+        }
+    }
+
     /// Whether this login is refused as a logout of a driving vehicle's operator would be: another role logs
     /// in in the operator's browser.
     fn is_refused_logout(&self, app: &Live) -> Option<Refusal> {
         let snapshot = app.published().snapshot;
-        let leaves = self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
         // It would end the session at once, and the clearance a moment later.
         let may_drive = snapshot.moves() || snapshot.stage == Stage::Cleared;
-        let is_refused = leaves && self.user.role() != Role::Operator && may_drive;
-        is_refused.then_some(Refusal::LogoutWhileActive)
+        (self.ends_operator(app) && may_drive).then_some(Refusal::LogoutWhileActive)
+    }
+
+    /// Whether another role logs in in the browser of the operator in charge.
+    fn ends_operator(&self, app: &Live) -> bool {
+        let snapshot = app.published().snapshot;
+        let leaves = self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
+        leaves && self.user.role() != Role::Operator
     }
 
     /// The record of the end of the browser's earlier session.
@@ -258,15 +290,20 @@ impl LoginAttempt {
         let vehicle = Some(app.remembering(preview));
         let entering = self.entering(app, vehicle, other);
         let (token, written) = self.write(app, entering, records).await?;
-        let (why, not_opened) = match app.command(action, None).await {
-            Ok(Answer::Done) => {
-                if let Some(other) = other {
-                    app.session_ends.end_all_of(other, SessionEnd::TakenOver);
+        // The vehicle may have been cleared, or have set off, since the login was judged.
+        let (why, not_opened) = match self.way(app) {
+            Way::Open => match app.command(action, None).await {
+                Ok(Answer::Done) => {
+                    if let Some(other) = other {
+                        app.session_ends.end_all_of(other, SessionEnd::TakenOver);
+                    }
+                    return Ok((token, written));
                 }
-                return Ok((token, written));
-            }
-            Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
-            Err(error) => (error.to_string(), error.into()),
+                Ok(Answer::Refused(reasons)) => (format!("{reasons:?}"), NotOpened::Refused(reasons)),
+                Err(error) => (error.to_string(), error.into()),
+            },
+            Way::Announced => (DROVE_OFF.to_owned(), NotOpened::Busy),
+            Way::Closed => (DROVE_OFF.to_owned(), NotOpened::Drives),
         };
         app.store.take_back(written, app.memory(), self.record(Action::Login).refused(why)).await?;
         Err(not_opened)
