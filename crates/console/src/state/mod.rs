@@ -183,7 +183,7 @@ impl Fleet {
                     if let Content::AuditHead(head) = &message.content {
                         last_head = Head::parse(&format!("{}:{}", head.record, head.hash)).or(last_head);
                     }
-                    if let Some(number) = vehicle.take(message) {
+                    if let Some(number) = vehicle.take(&batch.key, message) {
                         self.unwritten.incidents.insert((id.clone(), number));
                     }
                     if let Content::Recording(said) = &message.content {

@@ -382,6 +382,31 @@ fn the_picture_follows_keyframes_and_changes_and_says_when_something_is_missing(
 }
 
 #[test]
+fn the_picture_follows_a_run_with_an_older_number() {
+    let keyframe = |run, state| {
+        let node =
+            Node { node: "a".into(), state, own: state, cause: None, words: String::new(), gone: false };
+        message(run, 1, Content::Keyframe(Keyframe { stage: Stage::Standby, nodes: vec![node] }))
+    };
+    let shown = |world: &World| {
+        let picture = &world.fleet.vehicle(&id("v")).unwrap().picture;
+        (picture.nodes["a"].state, picture.is_whole)
+    };
+    let mut world = World::new();
+    world.head("v", 400, 1, head(State::Ok)).tell(Stream::Log, "v", vec![keyframe(400, State::Ok)]);
+    // Its outbox is lost, and its clock is right again.
+    world.after(60).head("v", 2, 1, head(State::Error));
+    assert_eq!(shown(&world), (State::Ok, false), "of another run");
+    world.tell(Stream::Log, "v", vec![keyframe(2, State::Error)]);
+    assert_eq!(shown(&world), (State::Error, true));
+    // It is enrolled again.
+    let batch =
+        Batch { id: id("v"), key: "UB".into(), sent: AT, messages: vec![keyframe(1, State::Warning)] };
+    world.arrive(Stream::Log, "v", Ok(batch));
+    assert_eq!(shown(&world), (State::Warning, true));
+}
+
+#[test]
 fn incidents_are_grouped_over_the_fleet() {
     let incident = |number, cause: &str, version: &str| {
         Content::Incident(Incident {

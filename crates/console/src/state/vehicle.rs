@@ -29,6 +29,8 @@ pub struct Vehicle {
     pub incidents: BTreeMap<u64, Incident>,
     /// Of these incidents.
     pub recordings: BTreeMap<u64, Transfer>,
+    /// The key by which its log was told last.
+    log_key: String,
     /// The last place before which it said goodbye.
     goodbye: Option<Mark>,
     /// When two were heard by this name.
@@ -86,6 +88,7 @@ impl Vehicle {
             picture: Picture::default(),
             incidents: BTreeMap::new(),
             recordings: BTreeMap::new(),
+            log_key: String::new(),
             goodbye: None,
             two_at: None,
             refused: None,
@@ -125,6 +128,10 @@ impl Vehicle {
                 return false;
             }
         }
+        if self.picture.end.is_some_and(|end| end.epoch != mark.epoch) {
+            // The picture is of another run.
+            self.picture.is_whole = false;
+        }
         self.head = Some(Heard {
             head: bounded(head),
             mark,
@@ -135,8 +142,17 @@ impl Vehicle {
         true
     }
 
-    /// Takes a message of the log. Returns the number of an incident that is new or changed.
-    pub fn take(&mut self, message: &Message) -> Option<u64> {
+    /// Takes a message of the log, told by this key. Returns the number of an incident that is new or changed.
+    pub fn take(&mut self, key: &str, message: &Message) -> Option<u64> {
+        let key = clean(key, 2 * VALUE);
+        let is_enrolled_anew = key != self.log_key;
+        let is_of = |epoch: Epoch| self.head.as_ref().is_some_and(|heard| heard.mark.epoch == epoch);
+        // A clock that was ahead, or a lost outbox, makes the run that is shown an older one by its number.
+        let is_older = self.picture.end.is_some_and(|end| message.epoch < end.epoch);
+        if is_enrolled_anew || is_older && is_of(message.epoch) {
+            self.picture = Picture::default();
+            self.log_key = key;
+        }
         self.picture.take(message);
         match &message.content {
             Content::Goodbye => {
