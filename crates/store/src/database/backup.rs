@@ -2,6 +2,7 @@
 //! found whole. SQLite's backup makes it: a copy of the file is torn while somebody writes, and `VACUUM INTO` leaves
 //! out the damage that the check should find.
 
+use std::cmp::Reverse;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -120,7 +121,7 @@ pub(crate) fn make(folder: &Path, wall: SystemTime) -> Result<PathBuf, BackupErr
     }
     made?;
     File::open(&backups)?.sync_all()?;
-    for old in list(folder).into_iter().skip(KEPT) {
+    for old in list(folder).into_iter().filter(|it| *it != file).skip(KEPT - 1) {
         fs::remove_file(old)?;
     }
     Ok(file)
@@ -162,14 +163,19 @@ fn copy(from: &Connection, new: &Path) -> Result<(), BackupError> {
     Ok(File::open(new)?.sync_all()?)
 }
 
-/// The copies of a data folder, the newest first.
+/// The copies of a data folder, the newest first: those with the last records of the audit log, since a clock that is wrong
+/// gives a copy a wrong day. What cannot be read comes last.
 pub(crate) fn list(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder.join(BACKUPS)).into_iter().flatten().flatten();
     let mut files: Vec<PathBuf> =
         entries.map(|it| it.path()).filter(|path| path.extension().is_some_and(|it| it == "db")).collect();
-    files.sort();
-    files.reverse();
+    files.sort_by_cached_key(|file| Reverse((last_record(file), file.clone())));
     files
+}
+
+fn last_record(file: &Path) -> Option<i64> {
+    let copy = connect_reading(file, "immutable=1", LOCK_WAIT).ok()?;
+    copy.query_row("SELECT max(number) FROM audit", [], |row| row.get(0)).ok()?
 }
 
 /// Opens a copy if it is whole and holds users.

@@ -312,6 +312,23 @@ async fn seven_backups_are_kept_and_none_is_made_of_what_is_damaged() {
 }
 
 #[tokio::test]
+async fn the_newest_backup_is_that_of_the_last_records_whatever_its_day() {
+    let folder = Folder::new().await;
+    let day = |day: u64| UNIX_EPOCH + std::time::Duration::from_secs(day * 24 * 3600);
+    // The clock was ahead, and is behind now.
+    for number in 400..407 {
+        backup::make(folder.0.path(), day(number)).unwrap();
+    }
+    let store = folder.open();
+    store.remove_user("user7").await.unwrap();
+    store.close().await;
+    let newest = backup::make(folder.0.path(), day(1)).unwrap();
+    let kept = backup::list(folder.0.path());
+    assert_eq!((kept.len(), &kept[0]), (7, &newest));
+    assert_eq!(backup::newest(folder.0.path()).unwrap().0, newest);
+}
+
+#[tokio::test]
 async fn a_server_backs_up_soon_after_its_start_after_a_change_of_users_and_each_day() {
     use telltale_engine::time::Span;
     let folder = Folder::new().await;
