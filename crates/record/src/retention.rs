@@ -70,6 +70,9 @@ impl Surplus {
 /// A clock that was set ahead makes no recording older than this much more, until the next start.
 const CREDIBLE_MS: i64 = 7 * 24 * 3600 * 1000;
 
+/// 2026 began: a clock before that is not set yet, and what was recorded by it has no age.
+const CLOCK_SET_MS: i64 = 1_767_225_600_000;
+
 /// The time by which the age of recordings is judged, in milliseconds since 1970: the wall time, but not far ahead of
 /// the newest record at the start (`floor_ms`) and what has passed since then. A clock that jumps a year ahead must
 /// not remove everything.
@@ -92,8 +95,8 @@ pub fn surplus(held: &[Held], policy: &Policy, now_ms: i64) -> Surplus {
     let keep_ms = i64::try_from(policy.keep.as_millis()).unwrap_or(i64::MAX);
     let (mut remove, mut since_ms) = (Vec::new(), None);
     for it in order {
-        // A time in the future was written by a wrong clock.
-        if it.since_ms <= now_ms {
+        // A time in the future was written by a wrong clock, too.
+        if (CLOCK_SET_MS..=now_ms).contains(&it.since_ms) {
             since_ms = since_ms.max(Some(it.since_ms));
         }
         let is_old = since_ms.is_some_and(|since_ms| now_ms.saturating_sub(since_ms) > keep_ms);
@@ -177,8 +180,12 @@ mod tests {
 
     const DAY_MS: i64 = 24 * 3600 * 1000;
 
+    fn on(day: i64) -> i64 {
+        CLOCK_SET_MS + day * DAY_MS
+    }
+
     fn held(id: u64, day: i64, bytes: u64) -> Held {
-        Held { id, since_ms: day * DAY_MS, bytes, finished: true, ..Held::default() }
+        Held { id, since_ms: on(day), bytes, finished: true, ..Held::default() }
     }
 
     fn policy(disk: u64, days: u64) -> Policy {
@@ -188,9 +195,9 @@ mod tests {
     #[test]
     fn the_oldest_go_until_the_rest_fits() {
         let all: Vec<Held> = (1..=5).rev().map(|id| held(id, id as i64, 10)).collect();
-        let fits = surplus(&all, &policy(50, 30), 6 * DAY_MS);
+        let fits = surplus(&all, &policy(50, 30), on(6));
         assert_eq!(fits, Surplus { bytes: 50, ..Surplus::default() });
-        let full = surplus(&all, &policy(35, 30), 6 * DAY_MS);
+        let full = surplus(&all, &policy(35, 30), on(6));
         assert_eq!(full, Surplus { remove: vec![1, 2], bytes: 30, ..Surplus::default() });
         assert_eq!(surplus(&[], &policy(0, 0), 0), Surplus::default());
     }
@@ -199,23 +206,23 @@ mod tests {
     fn what_was_changed_stays_and_others_go_in_its_place() {
         let all: Vec<Held> = (1..=5).map(|id| held(id, id as i64, 10)).collect();
         let mut asked = Vec::new();
-        let (left, changed) = surplus_without_changed(&all, &policy(35, 30), 6 * DAY_MS, |it| {
+        let (left, changed) = surplus_without_changed(&all, &policy(35, 30), on(6), |it| {
             asked.push(it.id);
             [1, 3].contains(&it.id)
         });
         assert_eq!(left, Surplus { remove: vec![2, 4], bytes: 30, ..Surplus::default() });
         assert_eq!((changed, asked), (vec![1, 3], vec![1, 2, 3, 4]), "each is looked at once");
-        let (left, changed) = surplus_without_changed(&all, &policy(15, 30), 6 * DAY_MS, |_| true);
+        let (left, changed) = surplus_without_changed(&all, &policy(15, 30), on(6), |_| true);
         assert!(left.remove.is_empty() && left.is_over() && changed == [1, 2, 3, 4, 5]);
     }
 
     #[test]
     fn what_is_too_old_goes_whatever_its_size() {
         let all = [held(1, 0, 1), held(2, 10, 1), held(3, 40, 1)];
-        assert_eq!(surplus(&all, &policy(1000, 30), 40 * DAY_MS).remove, [1]);
-        assert_eq!(surplus(&all, &policy(1000, 30), 40 * DAY_MS + 1).remove, [1, 2]);
+        assert_eq!(surplus(&all, &policy(1000, 30), on(40)).remove, [1]);
+        assert_eq!(surplus(&all, &policy(1000, 30), on(40) + 1).remove, [1, 2]);
         // A clock that was set back makes none old.
-        assert!(surplus(&all, &policy(1000, 0), -DAY_MS).remove.is_empty());
+        assert!(surplus(&all, &policy(1000, 0), on(-1)).remove.is_empty());
         assert!(surplus(&all, &policy(1000, 0), i64::MIN).remove.is_empty());
     }
 
@@ -224,12 +231,16 @@ mod tests {
         let (one_year, month) = (365 * DAY_MS, policy(1000, 30));
         // The clock began in the past after each start, and was set right later.
         let all = [held(1, 400, 1), held(2, 0, 1), held(3, 401, 1), held(4, 1, 1)];
-        assert!(surplus(&all, &month, 402 * DAY_MS).remove.is_empty());
-        assert_eq!(surplus(&all, &month, 431 * DAY_MS).remove, [1, 2]);
+        assert!(surplus(&all, &month, on(402)).remove.is_empty());
+        assert_eq!(surplus(&all, &month, on(431)).remove, [1, 2]);
         // One was written by a clock far ahead: those after it become old all the same.
         let all = [held(1, 400, 1), held(2, 9000, 1), held(3, 402, 1)];
-        assert_eq!(surplus(&all, &month, 431 * DAY_MS).remove, [1, 2]);
-        assert_eq!(surplus(&all, &month, 433 * DAY_MS).remove, [1, 2, 3]);
+        assert_eq!(surplus(&all, &month, on(431)).remove, [1, 2]);
+        assert_eq!(surplus(&all, &month, on(433)).remove, [1, 2, 3]);
+        // The first one was written before the clock was set.
+        let all = [held(1, -365 * 50, 1), held(2, 400, 1), held(3, -365, 1)];
+        assert!(surplus(&all, &month, on(401)).remove.is_empty());
+        assert_eq!(surplus(&all, &month, on(431)).remove, [2, 3]);
         // It jumps a year ahead while the program runs, or before it starts.
         let (newest, day) = (400 * DAY_MS, Span::from_secs(24 * 3600));
         assert_eq!(judged_ms(newest + one_year, newest, day), newest + 8 * DAY_MS);
@@ -244,10 +255,10 @@ mod tests {
         let unfinished = Held { finished: false, ..held(2, 0, 30) };
         let released = Held { marked: true, ..held(3, 0, 7) };
         let all = [kept, unfinished, released, held(4, 0, 5)];
-        let left = surplus(&all, &policy(50, 1), 1000 * DAY_MS);
+        let left = surplus(&all, &policy(50, 1), on(1000));
         assert_eq!((left.remove.as_slice(), left.bytes, left.bytes_over), ([3, 4].as_slice(), 130, 80));
         assert!(left.is_over());
-        assert!(!surplus(&all, &policy(130, 1), 1000 * DAY_MS).is_over());
+        assert!(!surplus(&all, &policy(130, 1), on(1000)).is_over());
     }
 
     #[test]
