@@ -12,8 +12,9 @@ use super::super::{PageQuery, why_address};
 use super::{Window, clock, percent};
 use crate::developer::page_query::address;
 
-/// The width of a letter, in hundredths of a strip that is drawn as narrow as it may be.
+/// The width of a letter, in hundredths of a strip: one as narrow as in a window of 900 pixels, and as on a phone.
 const LETTER: f64 = 1.2;
+const LETTER_OF_PHONE: f64 = 3.4;
 /// A transition too short to be drawn is drawn this wide.
 const WIDTH_MIN: f64 = 0.15;
 const BAR_Y: f64 = 1.0;
@@ -183,9 +184,14 @@ impl Painter {
     /// A bar from one instant to another, with its word if that fits.
     pub fn bar(&self, (from, to): (Timestamp, Timestamp), text: &str, bar: Bar<'_>) -> String {
         let (left, right) = (self.axis.x(from), self.axis.x(to));
-        let fits = text.chars().count() as f64 * LETTER + 0.6 <= right - left;
+        let fits = |letter: f64| text.chars().count() as f64 * letter + 0.6 <= right - left;
         let middle = percent(left.midpoint(right));
-        let word = if fits { word(bar.class, &middle, WORD_Y, text) } else { String::new() };
+        let word = match (fits(LETTER), fits(LETTER_OF_PHONE)) {
+            (false, _) => String::new(),
+            (true, true) => word(bar.class, &middle, WORD_Y, text),
+            // Not shown in a small window.
+            (true, false) => word(&format!("{} word-tight", bar.class), &middle, WORD_Y, text),
+        };
         let (x, width) = (percent(left), percent((right - left).max(WIDTH_MIN)));
         let mut out = String::new();
         Bar { x: &x, width: &width, ..bar }.draw(&mut out, &word);
