@@ -163,6 +163,12 @@ impl StoreError {
         matches!(self, StoreError::Database(_) | StoreError::Files(_) | StoreError::TooLate)
     }
 
+    /// Whether another program has locked the database for longer than is waited for.
+    pub fn is_locked(&self) -> bool {
+        matches!(self, StoreError::Database(reason)
+            if reason.sqlite_error_code() == Some(rusqlite::ErrorCode::DatabaseBusy))
+    }
+
     /// Whether the disk takes nothing, or a file beside the database cannot be read.
     fn is_of_disk(&self) -> bool {
         use rusqlite::ErrorCode::{CannotOpen, DatabaseBusy, DiskFull, ReadOnly, SystemIoFailure};

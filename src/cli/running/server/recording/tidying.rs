@@ -20,10 +20,14 @@ use crate::record::room::{Disk, Room};
 use crate::record::summary::Summary;
 use crate::record::{folder, found, note_file, removed};
 use crate::store::audit::{Action, Record, TELLTALE};
-use crate::store::{IncidentRecords, Store};
+use crate::store::{IncidentRecords, Store, StoreError};
 
 /// Old and incomplete recordings are looked for this often.
 const TIDY_EVERY: Span = Span::from_secs(600);
+
+/// A database that another program has locked is asked so often again, for two seconds each time: it may be keeping a recording
+/// that would go.
+const TRIES_WHILE_LOCKED: usize = 4;
 
 /// Incomplete recordings are looked for this soon after room was short: a full disk may have cut them off.
 const WHOLE_AFTER: Span = Span::from_secs(10);
@@ -161,7 +165,15 @@ async fn remove_surplus(
         return Ok(over);
     }
     let record = Record::of(Action::IncidentRemoved, TELLTALE);
-    match store.forget_incidents(remove.clone(), record).await {
+    let forget = || store.forget_incidents(remove.clone(), record.clone());
+    let mut forgotten = forget().await;
+    for _ in 0..TRIES_WHILE_LOCKED {
+        if !forgotten.as_ref().is_err_and(StoreError::is_locked) {
+            break;
+        }
+        forgotten = forget().await;
+    }
+    match forgotten {
         Ok(gone) => {
             for gone in gone {
                 let path = folder.join(folder::file_name(gone.id));
@@ -171,10 +183,11 @@ async fn remove_surplus(
                 remove_beside(folder, gone.id);
             }
         }
-        // A full disk takes no record before it has room.
-        Err(error) if is_needed => {
+        // A full disk takes no record before it has room. One that is kept by now is judged again.
+        Err(error) if is_needed && !matches!(error, StoreError::NoSuchIncident(_)) => {
             tracing::warn!(%error, "room is made before the removal of recordings is recorded");
-            for id in remove {
+            let is_kept = |id: u64| note_file::read(folder, id).is_some_and(|it| it.kept == Some(true));
+            for id in remove.into_iter().filter(|id| !is_kept(*id)) {
                 if let Err(error) = removed::free(folder, id) {
                     tracing::warn!(%error, "the recording of incident {id} is not removed");
                 }
