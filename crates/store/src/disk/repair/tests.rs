@@ -312,7 +312,7 @@ async fn seven_backups_are_kept_and_none_is_made_of_what_is_damaged() {
 }
 
 #[tokio::test]
-async fn the_newest_backup_is_that_of_the_last_records_whatever_its_day() {
+async fn the_newest_backup_has_the_last_records_also_with_an_early_day() {
     let folder = Folder::new().await;
     let day = |day: u64| UNIX_EPOCH + std::time::Duration::from_secs(day * 24 * 3600);
     // The clock was ahead, and is behind now.
