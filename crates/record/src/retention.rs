@@ -70,7 +70,8 @@ impl Surplus {
 /// A clock that was set ahead makes no recording older than this much more, until the next start.
 const CREDIBLE_MS: i64 = 7 * 24 * 3600 * 1000;
 
-/// The beginning of 2026: a clock before that is not set yet, and a recording made by it has no age.
+/// The beginning of 2026: a clock before that is not set yet, and a recording made by it has no age. The same in each version,
+/// or an update would keep what is old.
 const CLOCK_SET_MS: i64 = 1_767_225_600_000;
 
 /// The time by which the age of recordings is judged, in milliseconds since 1970: the wall time, but not far ahead of
