@@ -65,6 +65,9 @@ struct Heard {
     /// Its age when it came.
     lag: Span,
     doubt: Option<StampFault>,
+    /// Its stamp: the same again, however far in the future, is no younger transform.
+    #[serde(default)]
+    stamp_ns: Option<i64>,
     /// Since this monitor began anew; before the first new one an age within the limits says nothing.
     is_new: bool,
 }
@@ -121,7 +124,7 @@ impl MonitorKind for Tf {
         self.since = Some(now);
         for link in &mut self.links {
             if let Some(moving) = &mut link.moving {
-                *moving = Heard { at: now, lag: Span::ZERO, doubt: None, is_new: false };
+                *moving = Heard::unaged(now);
             }
             link.others.retain(|other| other.fixed);
             link.unreadable = None;
@@ -206,13 +209,15 @@ impl Link {
             self.fixed = true;
         } else if sample.late {
             // It shows that there is one. Its age is that of our beginning.
-            self.moving.get_or_insert(Heard { at: now, lag: Span::ZERO, doubt: None, is_new: false });
+            self.moving.get_or_insert(Heard::unaged(now));
         } else {
             let heard = Heard::of(transform, sample, now);
             // tf2 goes by the newest stamp, not by the last message.
-            let is_younger =
-                |known: &Heard| known.is_new && known.doubt.is_none() && known.age(now) < heard.lag;
-            if heard.doubt.is_some() || !self.moving.as_ref().is_some_and(is_younger) {
+            let is_no_older = |known: &Heard| {
+                let is_same = known.stamp_ns == heard.stamp_ns;
+                known.is_new && known.doubt.is_none() && (is_same || known.age(now) < heard.lag)
+            };
+            if heard.doubt.is_some() || !self.moving.as_ref().is_some_and(is_no_older) {
                 self.moving = Some(heard);
             }
         }
@@ -336,7 +341,12 @@ impl Heard {
             Err(StampFault::Future(_)) => (Span::ZERO, None),
             Err(doubt) => (Span::ZERO, Some(doubt)),
         };
-        Heard { at: now, lag, doubt, is_new: true }
+        Heard { at: now, lag, doubt, stamp_ns: transform.stamp_ns, is_new: true }
+    }
+
+    /// One whose age counts from now on.
+    fn unaged(now: Timestamp) -> Heard {
+        Heard { at: now, lag: Span::ZERO, doubt: None, stamp_ns: None, is_new: false }
     }
 
     fn age(&self, now: Timestamp) -> Span {

@@ -96,7 +96,12 @@ fn a_chain_is_as_old_as_its_oldest_transform() {
     // A localization stamps its transform ahead; another clock says nothing.
     tf.hear(MOVING, 1500, [&["map"], &["odom"]], -900);
     tf.is(State::Ok, "");
-    tf.hear(MOVING, 1510, [&["map"], &["odom"]], 10_000_000);
+    // The same one again and again grows old.
+    for at_ms in (1600..=2600).step_by(100) {
+        tf.hear(MOVING, at_ms, [&["map"], &["odom"]], at_ms as i64 - 1500 - 900);
+    }
+    tf.is(State::Error, "is older than 1 s");
+    tf.hear(MOVING, 2610, [&["map"], &["odom"]], 10_000_000);
     tf.is(State::Unknown, "another clock");
 }
 
