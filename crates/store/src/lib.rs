@@ -62,6 +62,7 @@ use outbox::Outbox;
 use queue::{Job, Queue};
 use sessions::table::Sessions;
 use telltale_clock::Clock;
+use telltale_engine::time::Timestamp;
 use users::secret::Hashing;
 
 /// How long a change by another process (`telltale user remove`) may stay unnoticed.
@@ -219,6 +220,8 @@ struct Database {
     clock: Clock,
     /// Nothing is judged by a time before this one.
     floor: SystemTime,
+    /// When that was taken.
+    opened: Timestamp,
     log: Log,
     health: Health,
     /// The users whom the audit log knows.
@@ -344,6 +347,7 @@ impl Store {
             outbox: outbox.clone(),
             clock,
             floor,
+            opened: clock.now(),
             log,
             health,
             knowledge: Knowledge::default(),

@@ -38,9 +38,11 @@ impl Store {
 }
 
 impl Database {
-    /// The time by which sessions and tokens are judged.
+    /// The time by which sessions and tokens are judged. Where the floor was written by a clock that was ahead, time goes on
+    /// from there while the program runs.
     pub(crate) fn judged(&self) -> SystemTime {
-        self.clock.wall().max(self.floor)
+        let passed = Duration::from_nanos(self.clock.now().since(self.opened).as_nanos());
+        self.clock.wall().max(self.floor + passed)
     }
 }
 
@@ -51,15 +53,20 @@ mod tests {
     use super::*;
     use crate::audit::{Action, Record, TELLTALE};
     use crate::{DemoSecrets, Role};
-    use telltale_clock::Clock;
+    use telltale_clock::{Clock, ClockHand};
+    use telltale_engine::time::Span;
 
     const DAY: Duration = Duration::from_secs(24 * 3600);
 
     fn open(folder: &std::path::Path, wall: SystemTime) -> Store {
+        open_by_hand(folder, wall).0
+    }
+
+    fn open_by_hand(folder: &std::path::Path, wall: SystemTime) -> (Store, ClockHand) {
         let (clock, hand) = Clock::with_hand();
         let seconds = |wall| unix_ms(wall).div_euclid(1000);
         hand.step_wall(seconds(wall) - seconds(clock.wall()));
-        Store::open_or_read(folder, clock, DemoSecrets::Refused).unwrap()
+        (Store::open_or_read(folder, clock, DemoSecrets::Refused).unwrap(), hand)
     }
 
     #[tokio::test]
@@ -105,5 +112,26 @@ mod tests {
         let (fresh, _) = store.open_session(&user).await.unwrap();
         store.close().await;
         assert!(open(folder, today + 41 * DAY).session(&fresh).is_some());
+    }
+
+    #[tokio::test]
+    async fn a_clock_that_was_ahead_makes_no_session_outlast_twelve_hours_of_running() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let today = earliest() + 200 * DAY;
+        let store = open(folder, today + 400 * DAY);
+        store.add_user("dora", Role::Developer, "correct horse battery").await.unwrap();
+        let user = store.authenticate("dora", "correct horse battery").await.unwrap().unwrap();
+        let (token, _) = store.open_session(&user).await.unwrap();
+        store.close().await;
+        for is_open in [true, true, false] {
+            let (store, hand) = open_by_hand(folder, today);
+            let session = store.session(&token).filter(|it| it.expires > store.clock.now());
+            assert_eq!(session.is_some(), is_open);
+            hand.advance(Span::from_secs(7 * 3600));
+            session.iter().for_each(|session| session.touch(store.clock.now()));
+            store.note_used(session.into_iter().collect()).await.unwrap();
+            store.close().await;
+        }
     }
 }
