@@ -160,7 +160,7 @@ def test_the_tick_is_whole_beside_the_question_for_the_stop(server, vehicle, ger
     page.set_viewport_size({"width": 800, "height": 480})
     page.goto(server.url + "/")
     expect(page.locator("#step button[name=localize]").first).to_be_visible()
-    expect(page.locator("#causes .title")).to_have_text("Batterie ist schwach")
+    expect(page.locator("#causes .title")).to_have_text(["Batterie ist schwach"])
     tick, bar = (page.locator(part).bounding_box() for part in ("#causes button[name=acknowledge]", "#actions"))
     assert tick["y"] + tick["height"] <= bar["y"], (tick, bar)
 
