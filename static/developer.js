@@ -32,7 +32,7 @@
       if (Number.isNaN(at.getTime())) continue;
       const ms = time.classList.contains("exact") ? `.${String(at.getMilliseconds()).padStart(3, "0")}` : "";
       const clock = at.toTimeString().slice(0, 8) + ms;
-      setText(time, time.classList.contains("whole") ? `${at.toLocaleDateString(root.lang)} ${clock}` : clock);
+      setText(time, time.classList.contains("whole") ? `${at.toLocaleDateString(root.lang, { dateStyle: "medium" })} ${clock}` : clock);
     }
     for (const text of part.querySelectorAll("[data-clock]")) {
       setText(text, new Date(text.dataset.clock).toTimeString().slice(0, 8));

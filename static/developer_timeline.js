@@ -40,7 +40,7 @@
   const clock = (ms, whole) => {
     const at = new Date(ms);
     const exact = `${at.toTimeString().slice(0, 8)}.${String(at.getMilliseconds()).padStart(3, "0")}`;
-    return whole > DAY_MS ? `${at.toLocaleDateString(document.documentElement.lang)} ${exact}` : exact;
+    return whole > DAY_MS ? `${at.toLocaleDateString(document.documentElement.lang, { dateStyle: "medium" })} ${exact}` : exact;
   };
 
   const STATES = { attributed: "error", masked: "ignore", "not-relevant": "ignore" };
