@@ -220,7 +220,7 @@ struct Database {
     clock: Clock,
     /// Nothing is judged by a time before this one.
     floor: SystemTime,
-    /// When that was taken.
+    /// When the floor was read.
     opened: Timestamp,
     log: Log,
     health: Health,

@@ -147,7 +147,7 @@ impl Vehicle {
         let key = clean(key, 2 * VALUE);
         let is_enrolled_anew = key != self.log_key;
         let is_of = |epoch: Epoch| self.head.as_ref().is_some_and(|heard| heard.mark.epoch == epoch);
-        // A clock that was ahead, or a lost outbox, makes the run that is shown an older one by its number.
+        // After a clock that was ahead, or with a new outbox, the present run has a lower number than the last one.
         let is_older = self.picture.end.is_some_and(|end| message.epoch < end.epoch);
         if is_enrolled_anew || is_older && is_of(message.epoch) {
             self.picture = Picture::default();

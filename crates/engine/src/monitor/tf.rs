@@ -65,7 +65,7 @@ struct Heard {
     /// Its age when it came.
     lag: Span,
     doubt: Option<StampFault>,
-    /// Its stamp: the same again, however far in the future, is no younger transform.
+    /// A message with the same stamp brings no younger transform, however far in the future the stamp lies.
     #[serde(default)]
     stamp_ns: Option<i64>,
     /// Since this monitor began anew; before the first new one an age within the limits says nothing.

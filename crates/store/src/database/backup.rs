@@ -163,8 +163,8 @@ fn copy(from: &Connection, new: &Path) -> Result<(), BackupError> {
     Ok(File::open(new)?.sync_all()?)
 }
 
-/// The copies of a data folder, the newest first: those with the last records of the audit log, since a clock that is wrong
-/// gives a copy a wrong day. What cannot be read comes last.
+/// The copies of a data folder, the newest first: the newest one has the last records of the audit log, since a wrong clock
+/// gives a copy a wrong day. Copies that cannot be read come last.
 pub(crate) fn list(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder.join(BACKUPS)).into_iter().flatten().flatten();
     let mut files: Vec<PathBuf> =

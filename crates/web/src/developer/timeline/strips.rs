@@ -12,7 +12,7 @@ use super::super::{PageQuery, why_address};
 use super::{Window, clock, percent};
 use crate::developer::page_query::address;
 
-/// The width of a letter, in hundredths of a strip: one as narrow as in a window of 900 pixels, and as on a phone.
+/// The width of a letter, in hundredths of a strip: of the narrowest strip on a laptop, and of one on a phone.
 const LETTER: f64 = 1.2;
 const LETTER_OF_PHONE: f64 = 3.4;
 /// A transition too short to be drawn is drawn this wide.

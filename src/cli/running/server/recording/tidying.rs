@@ -25,8 +25,8 @@ use crate::store::{IncidentRecords, Store, StoreError};
 /// Old and incomplete recordings are looked for this often.
 const TIDY_EVERY: Span = Span::from_secs(600);
 
-/// A database that another program has locked is asked so often again, for two seconds each time: it may be keeping a recording
-/// that would go.
+/// Further tries, of two seconds each, while another program has locked the database: it may be keeping a recording that
+/// would go.
 const TRIES_WHILE_LOCKED: usize = 4;
 
 /// Incomplete recordings are looked for this soon after room was short: a full disk may have cut them off.
