@@ -29,8 +29,10 @@ const TIDY_EVERY: Span = Span::from_secs(600);
 /// would go.
 const TRIES_WHILE_LOCKED: usize = 4;
 
-/// Incomplete recordings are looked for this soon after room was short: a full disk may have cut them off.
+/// Incomplete recordings are looked for this soon after room was short, and so often: a full disk may have cut them off, and
+/// still be full, or the recorder may still write them.
 const WHOLE_AFTER: Span = Span::from_secs(10);
+const WHOLE_TRIES: u32 = 6;
 
 /// Where room is short, they are looked for again after this time.
 const TIDY_AGAIN: Duration = Duration::from_millis(250);
@@ -55,7 +57,7 @@ pub(super) async fn look_after(
     let Kept { store, folder, recorder, room, clock } = &kept;
     left_over::take_in(store, folder, files).await;
     let mut told = BTreeSet::new();
-    let mut whole_at = clock.now();
+    let (mut whole_at, mut tries) = (clock.now(), 0u32);
     loop {
         let policy = *policies.borrow_and_update();
         room.follow(&policy);
@@ -70,7 +72,8 @@ pub(super) async fn look_after(
             // After a fault of the disk. What is not interrupted is being written, or its row soon is.
             let is_left = |it: &Summary| !it.recording.interrupted || recorder.writes(it.id);
             left_over::make_whole(store, folder, &policy, is_left).await;
-            whole_at = clock.now() + TIDY_EVERY;
+            whole_at = clock.now() + if tries > 0 { WHOLE_AFTER } else { TIDY_EVERY };
+            tries = tries.saturating_sub(1);
         }
         tokio::time::sleep(TIDY_AGAIN).await;
         tokio::select! {
@@ -78,7 +81,10 @@ pub(super) async fn look_after(
                 Ok(()) => whole_at = clock.now(),
                 Err(_) => return,
             },
-            () = room.short() => whole_at = whole_at.min(clock.now() + WHOLE_AFTER),
+            () = room.short() => {
+                whole_at = whole_at.min(clock.now() + WHOLE_AFTER);
+                tries = WHOLE_TRIES;
+            }
             () = tokio::time::sleep_until(clock.instant(whole_at).into()) => {}
         }
     }
