@@ -183,7 +183,7 @@ scenarios() {
 
 # The real program, foreign DDS peers and a real browser. Most of these tests wait most of the time, so
 # several processes run them side by side, each with DDS domains and ports of its own. Tests with limits of
-# seconds (`pytest.mark.timed`) run two at a time, a file in one process; those that measure times close to
+# seconds (`pytest.mark.timed`) run two at a time, a file in one process; tests that measure times close to
 # their limits (`pytest.mark.alone`) run last, with nothing beside them.
 browser_tests() {
     say "the whole program side by side: foreign DDS peers, real browser"

@@ -1,5 +1,5 @@
 """The paper's six scenarios and every fault of both simulations, live over DDS or Zenoh: the replay of each incident gives the same
-changes as the live page. Those stand in history.db; the replay is read as text, and in its pages at each of these instants."""
+changes as the live page. The changes of the page stand in history.db; the replay is read as text, and in its pages at each of these instants."""
 
 import contextlib
 import datetime

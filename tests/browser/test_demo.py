@@ -66,7 +66,7 @@ def test_a_demo_that_was_put_to_sleep_wakes_up_whole(demo, client, stream):
 
 @pytest.fixture
 def faults(client, stream):
-    """A fault that a failed test leaves would fail the next ones."""
+    """Faults that a failed test leaves are ended, or the next tests would fail."""
     faults = Faults(client)
     yield faults
     for name in list(faults.active):

@@ -71,7 +71,7 @@ impl Surplus {
 const CREDIBLE_MS: i64 = 7 * 24 * 3600 * 1000;
 
 /// The beginning of 2026: a clock before that is not set yet, and a recording made by it has no age. The same in each version,
-/// or an update would keep what is old.
+/// or an update would keep old recordings.
 const CLOCK_SET_MS: i64 = 1_767_225_600_000;
 
 /// The time by which the age of recordings is judged, in milliseconds since 1970: the wall time, but not far ahead of

@@ -344,7 +344,7 @@ impl Heard {
         Heard { at: now, lag, doubt, stamp_ns: transform.stamp_ns, is_new: true }
     }
 
-    /// One whose age counts from now on.
+    /// Without an age yet: it counts from now on.
     fn unaged(now: Timestamp) -> Heard {
         Heard { at: now, lag: Span::ZERO, doubt: None, stamp_ns: None, is_new: false }
     }

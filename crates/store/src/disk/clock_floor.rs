@@ -38,8 +38,7 @@ impl Store {
 }
 
 impl Database {
-    /// The time by which sessions and tokens are judged. Where the floor was written by a clock that was ahead, time goes on
-    /// from there while the program runs.
+    /// The present time for sessions and tokens. After a clock that was ahead, it goes on from the floor while the program runs.
     pub(crate) fn judged(&self) -> SystemTime {
         let passed = Duration::from_nanos(self.clock.now().since(self.opened).as_nanos());
         self.clock.wall().max(self.floor + passed)
