@@ -424,6 +424,28 @@ async fn a_logout_that_the_disk_writes_after_its_time_is_undone() {
 }
 
 #[tokio::test]
+async fn a_login_in_the_operators_browser_waits_for_a_clearance_and_is_refused_then() {
+    let mut scene = Scene::standing().await;
+    let token = scene.token().await;
+    let place = scene.fixture.app.displays.enter(&scene.fixture.session(&scene.cookie)).unwrap();
+    let version = scene.version().await;
+    place.sent(version.into(), scene.fixture.clock.now());
+    place.confirm(version.into(), scene.fixture.clock.now());
+    let tap = scene.tap(version, "/vehicle/clearance/confirm", &token);
+    let judged = scene.judged().await;
+    let form = "name=developer&secret=demo-developer";
+    let mut login = scene.fixture.start(as_program(form_request("/login", Some(&scene.cookie), form)));
+    let soon = std::time::Duration::from_millis(500);
+    assert!(tokio::time::timeout(soon, &mut login).await.is_err(), "it waits for the clearance");
+    judged.go_on();
+    let cleared = tap.await.unwrap();
+    assert_eq!(cleared.status, StatusCode::OK, "{}", cleared.body);
+    let refused = login.await.unwrap();
+    assert_eq!(refused.status, StatusCode::CONFLICT, "{}", refused.body);
+    assert!(scene.fixture.session(&scene.cookie).is_open());
+}
+
+#[tokio::test]
 async fn nobody_takes_over_unannounced_when_the_vehicle_drives_off_meanwhile() {
     // At one of its displays the take-over can be announced, with another login.
     for (source, status) in

@@ -179,11 +179,12 @@ impl Fleet {
             }
             (Stream::Log, Ok(batch)) => {
                 let mut last_head = None;
+                vehicle.take_key(&batch.key);
                 for message in &batch.messages {
                     if let Content::AuditHead(head) = &message.content {
                         last_head = Head::parse(&format!("{}:{}", head.record, head.hash)).or(last_head);
                     }
-                    if let Some(number) = vehicle.take(&batch.key, message) {
+                    if let Some(number) = vehicle.take(message) {
                         self.unwritten.incidents.insert((id.clone(), number));
                     }
                     if let Content::Recording(said) = &message.content {

@@ -29,7 +29,7 @@ pub struct Vehicle {
     pub incidents: BTreeMap<u64, Incident>,
     /// Of these incidents.
     pub recordings: BTreeMap<u64, Transfer>,
-    /// The key by which its log was told last.
+    /// The key of the last batch of its log.
     log_key: String,
     /// The last place before which it said goodbye.
     goodbye: Option<Mark>,
@@ -142,16 +142,20 @@ impl Vehicle {
         true
     }
 
-    /// Takes a message of the log, told by this key. Returns the number of an incident that is new or changed.
-    pub fn take(&mut self, key: &str, message: &Message) -> Option<u64> {
+    /// Takes the key of a batch of the log. With another one the vehicle was enrolled again, and its picture begins anew.
+    pub fn take_key(&mut self, key: &str) {
         let key = clean(key, 2 * VALUE);
-        let is_enrolled_anew = key != self.log_key;
-        let is_of = |epoch: Epoch| self.head.as_ref().is_some_and(|heard| heard.mark.epoch == epoch);
+        if self.log_key != key {
+            (self.picture, self.log_key) = (Picture::default(), key);
+        }
+    }
+
+    /// Takes a message of the log. Returns the number of an incident that is new or changed.
+    pub fn take(&mut self, message: &Message) -> Option<u64> {
         // After a clock that was ahead, or with a new outbox, the present run has a lower number than the last one.
-        let is_older = self.picture.end.is_some_and(|end| message.epoch < end.epoch);
-        if is_enrolled_anew || is_older && is_of(message.epoch) {
+        let is_present = self.head.as_ref().is_some_and(|heard| heard.mark.epoch == message.epoch);
+        if is_present && self.picture.end.is_some_and(|end| message.epoch < end.epoch) {
             self.picture = Picture::default();
-            self.log_key = key;
         }
         self.picture.take(message);
         match &message.content {

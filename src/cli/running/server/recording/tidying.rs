@@ -171,14 +171,13 @@ async fn remove_surplus(
         return Ok(over);
     }
     let record = Record::of(Action::IncidentRemoved, TELLTALE);
-    let forget = || store.forget_incidents(remove.clone(), record.clone());
-    let mut forgotten = forget().await;
-    for _ in 0..TRIES_WHILE_LOCKED {
-        if !forgotten.as_ref().is_err_and(StoreError::is_locked) {
-            break;
+    let mut tries = TRIES_WHILE_LOCKED;
+    let forgotten = loop {
+        match store.forget_incidents(remove.clone(), record.clone()).await {
+            Err(error) if error.is_locked() && tries > 0 => tries -= 1,
+            done => break done,
         }
-        forgotten = forget().await;
-    }
+    };
     match forgotten {
         Ok(gone) => {
             for gone in gone {
@@ -189,11 +188,10 @@ async fn remove_surplus(
                 remove_beside(folder, gone.id);
             }
         }
-        // A full disk takes no record before it has room. One that is kept by now is judged again.
+        // A full disk takes no record before it has room. A recording that somebody has kept by now is judged again.
         Err(error) if is_needed && !matches!(error, StoreError::NoSuchIncident(_)) => {
             tracing::warn!(%error, "room is made before the removal of recordings is recorded");
-            let is_kept = |id: u64| note_file::read(folder, id).is_some_and(|it| it.kept == Some(true));
-            for id in remove.into_iter().filter(|id| !is_kept(*id)) {
+            for id in remove {
                 if let Err(error) = removed::free(folder, id) {
                     tracing::warn!(%error, "the recording of incident {id} is not removed");
                 }
