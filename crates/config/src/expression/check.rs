@@ -299,15 +299,17 @@ impl<'a> Check<'a> {
                 _ => {}
             }
         }
-        if let [part, IdedExpr { expr: Expr::List(list), .. }] = &parts[..] {
-            for kind in list.elements.iter().filter_map(literal_kind) {
-                self.take(part, kind);
-            }
+        if let [part, list] = &parts[..] {
+            element_kinds(list).for_each(|kind| self.take(part, kind));
         }
-        let numbers = kinds.contains(&Some(PartType::Number));
-        let computed = parts.iter().any(|part| matches!(part.expr, Expr::Call(_)));
-        if numbers && computed && matches!(&*name, operators::EQUALS | operators::NOT_EQUALS) {
-            compare_by_difference(call);
+        let computed = parts.iter().any(|part| is_computed(part));
+        let is_number = |part: &&mut IdedExpr| element_kinds(part).any(|kind| kind == PartType::Number);
+        if computed && (kinds.contains(&Some(PartType::Number)) || parts.iter().any(is_number)) {
+            match &*name {
+                operators::EQUALS | operators::NOT_EQUALS => compare_by_difference(call),
+                operators::IN => compare_with_each(call),
+                _ => {}
+            }
         }
         given
     }
@@ -336,14 +338,16 @@ impl<'a> Check<'a> {
     }
 }
 
-/// The type of a literal, once its numbers are doubles.
-fn literal_kind(part: &IdedExpr) -> Option<PartType> {
-    match &part.expr {
+/// The types of a list's elements, once its numbers are doubles, as far as they are known.
+fn element_kinds(list: &IdedExpr) -> impl Iterator<Item = PartType> {
+    let elements = if let Expr::List(list) = &list.expr { &list.elements[..] } else { &[] };
+    elements.iter().filter_map(|element| match &element.expr {
         Expr::Literal(LiteralValue::Boolean(_)) => Some(PartType::Truth),
         Expr::Literal(LiteralValue::String(_)) => Some(PartType::Text),
         Expr::Literal(LiteralValue::Double(_)) => Some(PartType::Number),
+        Expr::Call(call) => signature(&call.func_name, &[]).1,
         _ => None,
-    }
+    })
 }
 
 /// Turns `a == b` into `math.abs(a - b) <= 0`, and `!=` into `> 0`: NaN, as from 0 / 0, then has no answer,
@@ -361,6 +365,35 @@ fn compare_by_difference(call: &mut CallExpr) {
     let is_equal = call.func_name == operators::EQUALS;
     call.func_name = if is_equal { operators::LESS_EQUALS } else { operators::GREATER }.to_owned();
     call.args = vec![distance, zero];
+}
+
+/// Turns `a in [b, c]` into `a == b || a == c`, compared by their differences.
+fn compare_with_each(call: &mut CallExpr) {
+    let [of, IdedExpr { expr: Expr::List(list), id }] = &call.args[..] else { return };
+    let id = *id;
+    let equals = |element: &IdedExpr| {
+        let (func_name, args) = (operators::EQUALS.to_owned(), vec![of.clone(), element.clone()]);
+        let mut equal = CallExpr { target: None, func_name, args };
+        compare_by_difference(&mut equal);
+        equal
+    };
+    let either = |a, b| CallExpr {
+        target: None,
+        func_name: operators::LOGICAL_OR.to_owned(),
+        args: [a, b].map(|it| IdedExpr { id, expr: Expr::Call(it) }).into(),
+    };
+    if let Some(any) = list.elements.iter().map(equals).reduce(either) {
+        *call = any;
+    }
+}
+
+/// Whether the number may be the result of a calculation, which may be NaN.
+fn is_computed(part: &IdedExpr) -> bool {
+    match &part.expr {
+        Expr::Call(_) => true,
+        Expr::List(list) => list.elements.iter().any(is_computed),
+        _ => false,
+    }
 }
 
 /// The types of a call's parts, and of its result.
