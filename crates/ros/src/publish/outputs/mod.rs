@@ -337,10 +337,15 @@ async fn control(publisher: Arc<Publisher>, mut context: OutputContext, mut leve
         // Side by side, in this order: a topic that is held back delays no other one.
         let due = levels.due(&snapshot, context.clock.now());
         let sent = join_all(due.iter().map(|say| speech.send(*say, &context))).await;
+        let told_engine = !due.is_empty();
         for (say, sent) in due.into_iter().zip(sent) {
             if speech.is_sent(say, sent, &context) {
                 levels.said(say, context.clock.now());
             }
+        }
+        // The engine gets a copy of each message, and may wait on this thread: no other one would run it while this task hangs.
+        if told_engine {
+            tokio::task::yield_now().await;
         }
         let repeat = levels.repeat_at(&snapshot).map(|at| Instant::from_std(context.clock.instant(at)));
         let repeated = async {
