@@ -6,7 +6,7 @@ use std::time::Duration;
 use telltale_clock::{Clock, unix_ms};
 use telltale_fleet::identity::Identity;
 use telltale_fleet::line::{Hub, NoLine};
-use telltale_fleet::message::{Batch, Malformed};
+use telltale_fleet::message::{Batch, Malformed, VehicleId};
 use telltale_fleet::reading::{Logs, Read, Reading};
 use tokio::sync::watch;
 
@@ -40,6 +40,15 @@ impl Shared {
 
     pub fn logs(&self) -> Option<Logs> {
         self.logs.borrow().clone()
+    }
+
+    /// Somebody looks at the present of a vehicle, which tells each change at once for a minute then.
+    pub async fn look(&self, id: &VehicleId) {
+        let Some(logs) = self.logs() else { return };
+        if self.fleet().look(id, self.clock.now()) {
+            // On a line that is cut it is asked again later.
+            let _ = logs.look(id).await;
+        }
     }
 
     /// Reads the hub, and another line after each fault, until it is aborted.

@@ -1,5 +1,5 @@
 //! The console of a fleet: reads what lies at the hub, and shows all vehicles, the worst first. Nothing here acts on a
-//! vehicle: the only message to one asks for recordings by their numbers.
+//! vehicle: a message to one asks for recordings by their numbers, or for live data.
 
 pub mod follow;
 pub mod history;

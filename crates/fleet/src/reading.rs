@@ -17,7 +17,7 @@ use crate::fetching::Pieces;
 use crate::gate::{Gate, Pace};
 use crate::hub::{has, make_heads};
 use crate::identity::Identity;
-use crate::line::{Hub, LOG_STREAM, NoLine, Subjects};
+use crate::line::{Hub, LIVE_FOR_MAX, LOG_STREAM, NoLine, Subjects};
 use crate::message::VehicleId;
 
 /// The stream of all heads.
@@ -313,6 +313,16 @@ impl Logs {
     /// The hub does not answer.
     pub async fn last(&self, id: &VehicleId) -> Result<Option<Found>, String> {
         self.get(&serde_json::json!({ "last_by_subj": Subjects::of(id).log })).await
+    }
+
+    /// Somebody looks at a vehicle: asks it to tell each change at once for a minute.
+    ///
+    /// # Errors
+    /// The line is over.
+    pub async fn look(&self, id: &VehicleId) -> Result<(), String> {
+        let wanted = serde_json::json!({ "live_s": LIVE_FOR_MAX.as_millis() / 1000 }).to_string();
+        let told = self.client.publish(Subjects::of(id).want, wanted.into()).await;
+        told.map_err(|error| error.to_string())
     }
 
     /// The pieces of recordings, on the same line.

@@ -138,6 +138,7 @@ pub async fn page(
         }
         None => {
             let state = state_of(&console, &id, session.role, lang)?;
+            console.shared.look(&id).await;
             (None, state, log_of(&console, &id, log, lang).await?)
         }
     };
@@ -154,7 +155,9 @@ pub async fn state(
     reader: Reader,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    Ok(rendered(&state_of(&console, &id, session.role, reader.lang)?))
+    let state = state_of(&console, &id, session.role, reader.lang)?;
+    console.shared.look(&id).await;
+    Ok(rendered(&state))
 }
 
 fn state_of(console: &Console, id: &VehicleId, role: Role, lang: Lang) -> Result<StateHtml, HttpError> {

@@ -149,6 +149,11 @@ impl Fleet {
         }
     }
 
+    /// Somebody looks at a vehicle. Returns whether it must be asked for live data.
+    pub fn look(&mut self, id: &VehicleId, now: Timestamp) -> bool {
+        self.vehicles.get_mut(id).is_some_and(|vehicle| vehicle.look(now))
+    }
+
     /// So many unpacked bytes of it were read.
     pub fn has_read(&mut self, id: &VehicleId, bytes: usize, now: Timestamp) {
         if let Some(vehicle) = self.vehicles.get_mut(id) {

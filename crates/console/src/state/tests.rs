@@ -470,3 +470,18 @@ fn a_vehicle_that_tells_too_much_is_not_read_for_a_while_and_the_others_are() {
     assert!(!world.fleet.reads(&id("loud"), soon + Span::from_millis(900)));
     assert!(world.fleet.reads(&id("loud"), soon + Span::from_millis(1_100)));
 }
+
+#[test]
+fn a_vehicle_is_asked_for_live_data_twice_a_minute_while_somebody_looks() {
+    let mut world = World::new();
+    assert!(!world.fleet.look(&id("a"), world.now), "it was never heard");
+    world.head("a", 1, 1, head(State::Ok));
+    let asked: Vec<bool> = (0..4)
+        .map(|_| {
+            let now = world.now;
+            world.after(15);
+            world.fleet.look(&id("a"), now)
+        })
+        .collect();
+    assert_eq!(asked, [true, false, true, false]);
+}

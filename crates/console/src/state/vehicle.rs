@@ -39,7 +39,12 @@ pub struct Vehicle {
     pub refused: Option<(u64, Malformed)>,
     /// The unpacked bytes of it that are read before others have their turn, and since when. Negative after a large one.
     allowance: (i64, Timestamp),
+    /// When it was asked last to tell each change at once.
+    looked_at: Option<Timestamp>,
 }
+
+/// A vehicle that somebody looks at is asked this often for live data. It tells them for a minute then.
+const LOOK_AGAIN: Span = Span::from_secs(30);
 
 /// Unpacked bytes of a vehicle that are read at once, and in each second after that. A batch that a fleet's vehicle
 /// makes takes far less; small ones that unpack to much would keep the console from hearing the others.
@@ -93,7 +98,17 @@ impl Vehicle {
             two_at: None,
             refused: None,
             allowance: (READ_AT_ONCE, Timestamp::ZERO),
+            looked_at: None,
         }
+    }
+
+    /// Somebody looks at it. Returns whether it must be asked for live data.
+    pub fn look(&mut self, now: Timestamp) -> bool {
+        let is_due = self.looked_at.is_none_or(|at| now.since(at) >= LOOK_AGAIN);
+        if is_due {
+            self.looked_at = Some(now);
+        }
+        is_due
     }
 
     fn allowed(&self, now: Timestamp) -> i64 {

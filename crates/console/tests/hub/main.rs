@@ -23,9 +23,10 @@ use telltale_clock::{Clock, unix_ms};
 use telltale_console::follow::Shared;
 use telltale_console::http::{Console, router};
 use telltale_console::kept;
+use telltale_engine::time::Span;
 use telltale_fleet::delivery::Answer;
 use telltale_fleet::identity::Identity;
-use telltale_fleet::line::Line;
+use telltale_fleet::line::{Line, Want};
 use telltale_fleet::message::{Batch, Content, Incident, VehicleId};
 use telltale_store::{DemoSecrets, Role, Store};
 use telltale_web::Origins;
@@ -291,7 +292,7 @@ async fn a_vehicle_of_a_later_version_with_markup_and_a_wrong_clock_is_read_as_f
     let data = TempDir::new().unwrap();
     let console = Running::start(&hub, &data).await;
     let (id, key) = (VehicleId::new("a").unwrap(), Identity::read(&hub.key_file("a")).unwrap());
-    let line = Line::open(&hub.address(), &id, &key).await.unwrap();
+    let mut line = Line::open(&hub.address(), &id, &key).await.unwrap();
     // Its clock is a day ahead.
     let at_ms = unix_ms(Clock::start().wall()) + 24 * 3_600_000;
     let markup = "<img src=x onerror=alert(1)>\u{202e}";
@@ -343,6 +344,9 @@ async fn a_vehicle_of_a_later_version_with_markup_and_a_wrong_clock_is_read_as_f
             "{path}: {page}"
         );
     }
+    // Somebody looked at it.
+    let wish = until("the wish for live data", line.next()).await.unwrap();
+    assert_eq!(wish, Some(Want { live: Some(Span::from_secs(60)), incidents: Vec::new() }));
     console.end().await;
 }
 
