@@ -20,7 +20,7 @@ expect.set_options(timeout=PATIENCE_MS)
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "alone: measures times close to their limits, so no other test may run beside it")
-    config.addinivalue_line("markers", "timed: has limits of seconds, so at most one other test may run beside it")
+    config.addinivalue_line("markers", "timed: has limits of seconds, so at most two other tests may run beside it")
 
 
 # A machine that stood still for so long says nothing about the times of a program on it: of the ten messages a second that

@@ -22,7 +22,7 @@ from websockets.sync.client import connect
 
 from programs import PYTHON, ROOT, TELLTALE, peer, until  # noqa: F401
 
-CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
+CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium-headless-shell") or shutil.which("chromium")
 # The vehicle of these tests speaks on /diagnostics alone.
 CONFIG = ROOT / "config/self-diagnosing-shuttle.yaml"
 OPERATOR = ("anna", "975310")
