@@ -2,10 +2,9 @@
 
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::DescriptorEncoder;
-use prometheus_client::encoding::text::encode;
-use prometheus_client::registry::Registry;
 
 use super::families::Families;
+use super::text_of;
 use crate::console::follow::Shared;
 use crate::console::state::counts;
 
@@ -64,11 +63,7 @@ impl Collector for Metrics {
 /// # Errors
 /// If a metric cannot be written as text.
 pub fn text(shared: &Shared) -> Result<String, std::fmt::Error> {
-    let mut registry = Registry::default();
-    registry.register_collector(Box::new(Metrics(shared.clone())));
-    let mut text = String::new();
-    encode(&mut text, &registry)?;
-    Ok(text)
+    text_of(Metrics(shared.clone()))
 }
 
 #[cfg(test)]

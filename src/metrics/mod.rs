@@ -38,8 +38,12 @@ impl Collector for Metrics {
 /// # Errors
 /// If a metric cannot be written as text.
 pub fn text(app: &AppState) -> Result<String, std::fmt::Error> {
+    text_of(Metrics(app.clone()))
+}
+
+fn text_of(metrics: impl Collector) -> Result<String, std::fmt::Error> {
     let mut registry = Registry::default();
-    registry.register_collector(Box::new(Metrics(app.clone())));
+    registry.register_collector(Box::new(metrics));
     let mut text = String::new();
     encode(&mut text, &registry)?;
     Ok(text)

@@ -122,7 +122,7 @@ fn no_command_panics_where_nobody_reads() {
     let good = file(&folder, "good.yaml", CONFIG);
     let wrong = file(&folder, "wrong.yaml", "groups: 1\n");
     let data = folder.join("data").display().to_string();
-    telltale::store::make_folder(Path::new(&data)).expect("a folder can be made");
+    telltale::yaml::private_file::make_folder(Path::new(&data)).expect("a folder can be made");
     let secret = "a long secret of one\n".repeat(2);
     let added = run_with(["user", "add", "dora", "--role", "developer", "--data", &data], &secret);
     assert!(added.status.success(), "{added:?}");

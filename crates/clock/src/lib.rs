@@ -1,6 +1,7 @@
 //! The only place that reads a clock.
 
 pub mod latency;
+pub mod rate;
 
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -117,9 +118,20 @@ pub fn unix_ms(wall: SystemTime) -> i64 {
     i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
 }
 
+/// A wall time that has a text: a clock that is set out of the years 1970 to 9999 shows their first or last instant.
+pub fn with_a_text(wall: SystemTime) -> SystemTime {
+    const YEAR_9999_END: Duration = Duration::from_millis(253_402_300_799_999);
+    UNIX_EPOCH + wall.duration_since(UNIX_EPOCH).unwrap_or_default().min(YEAR_9999_END)
+}
+
+/// The wall time of so many milliseconds since 1970, within [`with_a_text`].
+pub fn of_unix_ms(ms: i64) -> SystemTime {
+    let since = Duration::from_millis(u64::try_from(ms).unwrap_or(0));
+    with_a_text(UNIX_EPOCH.checked_add(since).unwrap_or(UNIX_EPOCH))
+}
+
 /// The wall time at `then`, seen from now: a step of the clock shifts past, present and future alike.
 pub fn wall_at(wall_now: SystemTime, now: Timestamp, then: Timestamp) -> SystemTime {
-    let duration = |span: Span| Duration::from_nanos(span.as_nanos());
-    let at = wall_now.checked_sub(duration(now.since(then))).unwrap_or(SystemTime::UNIX_EPOCH);
-    at.checked_add(duration(then.since(now))).unwrap_or(at)
+    let at = wall_now.checked_sub(now.since(then).into()).unwrap_or(SystemTime::UNIX_EPOCH);
+    at.checked_add(then.since(now).into()).unwrap_or(at)
 }

@@ -8,7 +8,8 @@ use serde::de::DeserializeOwned;
 use telltale_clock::{Clock, unix_ms};
 use telltale_engine::time::{Since, Span};
 use telltale_fleet::message::{Incident, VehicleId};
-use telltale_store::{Head, make_folder, make_private_file};
+use telltale_store::Head;
+use telltale_yaml::private_file::{make_folder, make_private_file};
 
 use crate::state::incidents::INCIDENTS_MAX;
 use crate::state::recordings::Transfer;

@@ -15,7 +15,8 @@ use telltale_fleet::message::{PIECE_BYTES, Pieces, VehicleId};
 use telltale_record::folder::{file_name, number_of};
 use telltale_record::writer::hash_file;
 use telltale_store::audit::{Action, Record, TELLTALE};
-use telltale_store::{Store, make_folder};
+use telltale_store::Store;
+use telltale_yaml::private_file::make_folder;
 
 use crate::follow::Shared;
 use crate::state::recordings::Step;

@@ -2,7 +2,6 @@
 //! one after the other in the background. The result stays on the disk.
 
 use std::fs;
-use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -13,7 +12,7 @@ use telltale_engine::time::{Span, Timestamp};
 use telltale_record::folder::file_name;
 use telltale_record::ring::ConfigurationText;
 use telltale_record::writer::digest;
-use telltale_store::{make_folder, make_private_file};
+use telltale_yaml::private_file::{make_folder, write_private};
 use telltale_web::Examiner;
 use telltale_web::common::{JudgedRow, lower_priority};
 use telltale_web::incidents::{Compared, Comparison, Mistake, RUN_WITHIN, Stop, Trouble, runnable};
@@ -342,13 +341,9 @@ impl WhatIfs {
 
     /// Without the disk it stays in memory.
     fn write(&self, what_if: &WhatIf) {
-        let path = self.path_of(what_if.number);
-        let part = path.with_extension("part");
-        let write = || -> io::Result<()> {
+        let write = || {
             make_folder(&self.folder)?;
-            make_private_file(&part)?;
-            fs::write(&part, serde_json::to_vec(what_if)?)?;
-            fs::rename(&part, &path)
+            write_private(&self.path_of(what_if.number), &serde_json::to_vec(what_if)?)
         };
         if let Err(error) = write() {
             tracing::error!("what-if {} is not kept: {error}", what_if.number);

@@ -5,13 +5,12 @@
 //! lies in a gap; only what the hub acknowledged leaves from the front. Time is the running time of the program: a
 //! wall clock that is set ahead would make everything old.
 
-use std::fs::OpenOptions;
 use std::io;
-use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, OptionalExtension as _, Transaction, TransactionBehavior, params};
 use telltale_engine::time::{Span, Timestamp};
+use telltale_yaml::private_file::make_private_file;
 
 use crate::message::{
     BATCH_MESSAGES_MAX, Batch, Content, Epoch, Gap, GapReason, MESSAGE_BYTES_MAX, Mark, Message, VehicleId,
@@ -139,7 +138,7 @@ impl Outbox {
     /// Of the disk.
     pub fn open(folder: &Path, limits: Limits, seed: Seed, now: Timestamp) -> Result<Outbox, OutboxError> {
         let path = folder.join(FILE_NAME);
-        make_private(&path)?;
+        make_private_file(&path).map_err(|reason| OutboxError::Make { path: path.clone(), reason })?;
         let opened = Connection::open(&path).and_then(|connection| {
             connection.pragma_update(None, "journal_mode", "WAL")?;
             // An epoch, or a message that the hub has, must not be forgotten by a loss of power.
@@ -483,17 +482,6 @@ fn missing(reading: &Transaction<'_>, epoch: &str, n: i64) -> Result<Vec<Missing
         }
     }
     Ok(found)
-}
-
-/// Makes a file that only its owner may read, whatever the umask. One that is there is not opened: closing it would
-/// release the locks of this process on it.
-fn make_private(path: &Path) -> Result<(), OutboxError> {
-    match OpenOptions::new().write(true).create_new(true).mode(0o600).open(path) {
-        Err(reason) if reason.kind() != io::ErrorKind::AlreadyExists => {
-            Err(OutboxError::Make { path: path.to_owned(), reason })
-        }
-        _ => Ok(()),
-    }
 }
 
 fn transaction(connection: &mut Connection) -> Result<Transaction<'_>, rusqlite::Error> {

@@ -2,12 +2,13 @@
 //! JetStream are plain requests, as on the vehicle's line, and each answer is read with bounds.
 
 use std::sync::Arc;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use async_nats::{Client, ConnectOptions, Event, Message, ServerError, Subscriber};
 use bytes::Bytes;
 use futures_util::StreamExt as _;
 use serde::Deserialize;
+use telltale_clock::{of_unix_ms, unix_ms};
 use telltale_engine::time::Span;
 use tokio::sync::watch;
 use tokio::time::timeout;
@@ -105,8 +106,7 @@ impl Reading {
         // The stream has one head of each vehicle.
         let all = serde_json::json!({ "deliver_policy": "all" });
         let head = Reader::begin(&client, Stream::Head, all).await?;
-        let from = UNIX_EPOCH + Duration::from_millis(u64::try_from(log_from_ms).unwrap_or(0));
-        let from = humantime::format_rfc3339_millis(from).to_string();
+        let from = humantime::format_rfc3339_millis(of_unix_ms(log_from_ms)).to_string();
         let log = Reader::begin(
             &client,
             Stream::Log,
@@ -298,8 +298,7 @@ impl Logs {
         let subject = Subjects::of(id).log;
         let wanted = match from {
             From::Time(ms) => {
-                let at = UNIX_EPOCH + Duration::from_millis(u64::try_from(ms).unwrap_or(0));
-                let at = humantime::format_rfc3339_millis(at).to_string();
+                let at = humantime::format_rfc3339_millis(of_unix_ms(ms)).to_string();
                 serde_json::json!({ "start_time": at, "next_by_subj": subject })
             }
             From::After(number) => serde_json::json!({ "seq": number + 1, "next_by_subj": subject }),
@@ -359,11 +358,6 @@ fn is_refusal(why: &str) -> bool {
 
 fn nanos(time: Duration) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
-}
-
-fn unix_ms(time: SystemTime) -> i64 {
-    let since = time.duration_since(UNIX_EPOCH).unwrap_or_default();
-    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
 }
 
 /// The vehicle of a subject.

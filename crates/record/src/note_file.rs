@@ -2,12 +2,11 @@
 //! The recording itself cannot hold it, because its hash is in the audit log by then.
 
 use std::fs::{self, File};
-use std::io::{self, Read as _, Write as _};
-use std::os::unix::fs::{MetadataExt as _, fchown};
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use telltale_yaml::input_file;
+use telltale_yaml::private_file::write_private;
 
 /// A larger file is none of ours.
 const BYTES_MAX: u64 = 64 << 10;
@@ -37,15 +36,7 @@ fn path(folder: &Path, id: u64) -> PathBuf {
 
 /// Writes the file in place of the last one. Blocks.
 pub fn write(folder: &Path, id: u64, said: &Beside) -> io::Result<()> {
-    let path = path(folder, id);
-    let new = path.with_extension("new");
-    let mut file = input_file::replace(&new)?;
-    // A file that root writes is for the server, which may not be root. Others cannot give it, and need not.
-    let owner = fs::metadata(folder)?;
-    let _ = fchown(&file, Some(owner.uid()), Some(owner.gid()));
-    file.write_all(&serde_json::to_vec(said)?)?;
-    file.sync_all()?;
-    fs::rename(new, path)
+    write_private(&path(folder, id), &serde_json::to_vec(said)?)
 }
 
 /// Removes the file, if there is one. Blocks.

@@ -13,7 +13,6 @@ mod options;
 mod outbox;
 mod probe;
 pub mod publish;
-mod rate;
 mod reading;
 pub mod services;
 mod session;
@@ -164,14 +163,6 @@ fn every(period: Duration) -> Interval {
     let mut interval = tokio::time::interval(period);
     interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
     interval
-}
-
-/// Checks that everything that a model needs can be read.
-///
-/// # Errors
-/// The first field that cannot be read; to check all fields, use [`Definitions`].
-pub fn check(model: &Model, definitions: &Definitions) -> Result<(), SubscriptionError> {
-    Plan::of(model, definitions).map(drop)
 }
 
 impl Bridge {

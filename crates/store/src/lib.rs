@@ -12,7 +12,6 @@ mod disk;
 mod history;
 mod incidents;
 mod outbox;
-mod private_file;
 mod queue;
 mod sessions;
 mod temporary_folder;
@@ -43,7 +42,6 @@ pub use incidents::{
     Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Logged, Note,
     OnDisk, StoredIncident, clean_note,
 };
-pub use private_file::{give_to_owner_of, make_folder, make_private_file};
 pub use sessions::operator_change::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use temporary_folder::TemporaryFolder;

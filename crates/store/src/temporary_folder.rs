@@ -5,7 +5,7 @@ use std::io;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
-use super::private_file::make_folder;
+use telltale_yaml::private_file::make_folder;
 
 /// All their names begin with this.
 const PREFIX: &str = "telltale-";

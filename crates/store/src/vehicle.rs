@@ -47,7 +47,7 @@ impl VehicleMemory {
 impl VehicleMemory {
     /// The wall time at which something began that is so old.
     fn began_ms(&self, age: Span) -> i64 {
-        let began = self.at.checked_sub(Duration::from_nanos(age.as_nanos()));
+        let began = self.at.checked_sub(Duration::from(age));
         unix_ms(began.unwrap_or(SystemTime::UNIX_EPOCH))
     }
 }

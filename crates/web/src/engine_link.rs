@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use tokio::sync::oneshot;
+use tokio::sync::{mpsc, oneshot};
 use tokio::time::timeout;
 
 use super::source::Live;
@@ -24,12 +24,7 @@ impl Live {
     /// # Errors
     /// If the engine does not answer.
     pub async fn rehearse(&self, action: OperatorAction) -> Result<Result<Preview, Vec<Refusal>>, NoAnswer> {
-        let (reply, answer) = oneshot::channel();
-        let exchange = async {
-            self.link.rehearsals.send(Rehearsal { action, reply }).await.map_err(|_| NoAnswer)?;
-            answer.await.map_err(|_| NoAnswer)
-        };
-        timeout(COMMAND_TIMEOUT, exchange).await.map_err(|_| NoAnswer)?
+        ask(&self.link.rehearsals, |reply| Rehearsal { action, reply }).await
     }
 
     /// Hands an operator's action to the engine. A second step names the last STOP before its first.
@@ -41,11 +36,19 @@ impl Live {
         action: OperatorAction,
         last_stop: Option<u64>,
     ) -> Result<Response, NoAnswer> {
-        let (reply, answer) = oneshot::channel();
-        let exchange = async {
-            self.link.commands.send(Command { action, last_stop, reply }).await.map_err(|_| NoAnswer)?;
-            answer.await.map_err(|_| NoAnswer)
-        };
-        timeout(COMMAND_TIMEOUT, exchange).await.map_err(|_| NoAnswer)?
+        ask(&self.link.commands, |reply| Command { action, last_stop, reply }).await
     }
+}
+
+/// Asks the engine, and waits a while for its answer.
+async fn ask<Q, A>(
+    queue: &mpsc::Sender<Q>,
+    question: impl FnOnce(oneshot::Sender<A>) -> Q,
+) -> Result<A, NoAnswer> {
+    let (reply, answer) = oneshot::channel();
+    let exchange = async {
+        queue.send(question(reply)).await.map_err(|_| NoAnswer)?;
+        answer.await.map_err(|_| NoAnswer)
+    };
+    timeout(COMMAND_TIMEOUT, exchange).await.map_err(|_| NoAnswer)?
 }

@@ -6,6 +6,7 @@
 pub mod decode;
 pub mod input_file;
 pub mod plain;
+pub mod private_file;
 pub mod problem;
 pub mod schema;
 mod slips;

@@ -7,9 +7,9 @@ use anyhow::{Context as _, bail};
 use clap::Subcommand;
 
 use crate::cli::print::say;
-use crate::cli::process::certificate::{self_signed, write_private};
+use crate::cli::process::certificate::self_signed;
 use crate::cli::process::data_folder::DataFolder;
-use crate::store::make_folder;
+use crate::yaml::private_file::{make_folder, write_private};
 
 const CERTIFICATE: &str = "tls-cert.pem";
 /// The key that is made in the data folder.
@@ -57,8 +57,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let names = all_names(names);
     let (certificate_pem, key_pem) = self_signed(&names)?;
-    write_private(&key, &key_pem)?;
-    write_private(&certificate, &certificate_pem)?;
+    for (path, pem) in [(&key, key_pem), (&certificate, certificate_pem)] {
+        write_private(path, pem.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
+    }
     say!("made {}", certificate.display());
     say!("     {}", key.display());
     say!("for  {}", names.join(", "));

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::bail;
 
-use crate::store::make_folder;
+use crate::yaml::private_file::make_folder;
 
 /// [`is_locked`] takes the lock of a folder for a moment: a server that starts meanwhile tries again.
 const LOCK_TRIES: usize = 10;

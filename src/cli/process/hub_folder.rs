@@ -4,9 +4,9 @@ use std::path::Path;
 
 use anyhow::{Context as _, bail};
 
-use super::certificate::{self_signed, write_private};
+use super::certificate::self_signed;
 use crate::fleet::hub::{CONFIG_FILE, CONSOLE_KEY_FILE, HubFolder, Server};
-use crate::store::make_folder;
+use crate::yaml::private_file::{make_folder, write_private};
 
 /// The certificate of a hub, beside its keys. It signs itself: vehicles have it as `ca`.
 pub const CERTIFICATE: &str = "hub.pem";
@@ -26,8 +26,9 @@ pub fn write_hub(dir: &Path, names: &[String], listen: &str, disk_bytes: u64) ->
         }
     }
     let (certificate_pem, key_pem) = self_signed(names)?;
-    write_private(&key, &key_pem)?;
-    write_private(&certificate, &certificate_pem)?;
+    for (path, pem) in [(&key, key_pem), (&certificate, certificate_pem)] {
+        write_private(path, pem.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
+    }
     // nats-server reads them from its working directory.
     let (certificate, key) = (Path::new(CERTIFICATE), Path::new(KEY));
     Ok(HubFolder::make(dir, Server { listen, certificate, key, disk_bytes })?)

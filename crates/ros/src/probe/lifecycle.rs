@@ -69,7 +69,7 @@ pub async fn run(
 }
 
 async fn watch(spec: Arc<WatchdogSpec>, mut client: Client, inputs: mpsc::Sender<Stamped>) {
-    let period = Duration::from_nanos(spec.every.as_nanos()).max(EVERY_MIN);
+    let period = Duration::from(spec.every).max(EVERY_MIN);
     let mut looks = every(period);
     loop {
         looks.tick().await;

@@ -67,7 +67,7 @@ pub async fn run(
 
 /// Probes one target, never twice at once, until nobody listens.
 async fn watch(spec: Arc<WatchdogSpec>, context: ProbeContext, turns: Arc<Semaphore>) {
-    let period = Duration::from_nanos(spec.every.as_nanos()).max(EVERY_MIN);
+    let period = Duration::from(spec.every).max(EVERY_MIN);
     // A lifecycle node is called through the participant: `lifecycle.rs` does it.
     let Some(mut asker) = Asker::new(&spec.target, &context) else { return };
     let mut looks = every(period);

@@ -24,7 +24,7 @@ impl StepWatch {
     /// How far the wall clock was stepped back since the last look; `None` if it was not.
     pub fn look(&mut self, wall: SystemTime, now: Timestamp) -> Option<Duration> {
         let elapsed: Span = now.since(self.now);
-        let expected = self.wall + Duration::from_nanos(elapsed.as_nanos());
+        let expected = self.wall + Duration::from(elapsed);
         (self.wall, self.now) = (wall, now);
         expected.duration_since(wall).ok().filter(|&back| back > STEP_BACK_MIN)
     }

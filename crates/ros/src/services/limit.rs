@@ -3,8 +3,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::rate::{Bucket, Rate};
 use crate::transport::ids::Prefix;
+use telltale_clock::rate::{Bucket, Rate};
 use telltale_engine::model::service::Service;
 use telltale_engine::time::{Span, Timestamp};
 

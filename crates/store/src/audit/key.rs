@@ -12,7 +12,7 @@ use sha2::{Digest as _, Sha256};
 use telltale_yaml::input_file;
 
 use super::head::{FILE_BYTES_MAX, whose};
-use crate::private_file::{give_to_owner_of, make_private_file};
+use telltale_yaml::private_file::{give_to_owner_of, make_private_file};
 use crate::{FILE_NAME, StoreError};
 
 /// The file of the key, in the data folder.

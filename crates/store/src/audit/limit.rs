@@ -6,12 +6,15 @@ use std::collections::HashMap;
 
 use super::{Action, Record, TELLTALE};
 use crate::Caller;
+use telltale_clock::rate::{Bucket, Rate};
 use telltale_engine::time::{Span, Timestamp};
 
 /// Records of one source that may come at once.
 pub const BURST: u32 = 60;
 /// And then one after each of these: about 3 MB in a day.
 pub const REFILL: Span = Span::from_secs(10);
+/// The records of one source.
+pub const RECORDS: Rate = Rate { burst: BURST, refill: REFILL };
 /// The count of records left out is written after this long, or before the next record of the kind.
 const TELL_AFTER: Span = Span::from_secs(60);
 
@@ -25,13 +28,6 @@ pub(crate) struct Limit(HashMap<LimitedKind, Counted>);
 struct LimitedKind {
     action: Action,
     caller: Caller,
-}
-
-/// The records that a source has left: a token bucket.
-#[derive(Debug)]
-pub struct Bucket {
-    tokens: u32,
-    filled: Timestamp,
 }
 
 /// The records of one kind, and those that were left out.
@@ -48,7 +44,7 @@ impl Limit {
     pub(crate) fn admit(&mut self, now: Timestamp, record: &Record) -> Option<Option<Record>> {
         let Some(caller) = record.by_anybody else { return Some(None) };
         let kind = LimitedKind { action: record.action, caller };
-        let new = Counted { bucket: Bucket::full(now), omitted: 0, omitted_since: now };
+        let new = Counted { bucket: Bucket::new(RECORDS, now), omitted: 0, omitted_since: now };
         let counted = self.0.entry(kind).or_insert(new);
         if !counted.bucket.take(now) {
             if counted.omitted == 0 {
@@ -65,32 +61,6 @@ impl Limit {
         let all = self.0.iter_mut();
         let due = all.filter(|(_, counted)| now.since(counted.omitted_since) >= TELL_AFTER);
         due.filter_map(|(kind, counted)| counted.take_omitted(*kind)).collect()
-    }
-}
-
-impl Bucket {
-    pub fn full(now: Timestamp) -> Bucket {
-        Bucket { tokens: BURST, filled: now }
-    }
-
-    /// Whether one more may be recorded now.
-    pub fn take(&mut self, now: Timestamp) -> bool {
-        self.fill(now);
-        let has = self.tokens > 0;
-        self.tokens = self.tokens.saturating_sub(1);
-        has
-    }
-
-    /// Whether all that may come at once is left, as at first.
-    pub fn is_full(&mut self, now: Timestamp) -> bool {
-        self.fill(now);
-        self.tokens == BURST
-    }
-
-    fn fill(&mut self, now: Timestamp) {
-        let refills = now.since(self.filled).as_nanos() / REFILL.as_nanos();
-        self.tokens = self.tokens.saturating_add(u32::try_from(refills).unwrap_or(BURST)).min(BURST);
-        self.filled = self.filled + Span::from_nanos(refills * REFILL.as_nanos());
     }
 }
 

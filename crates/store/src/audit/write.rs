@@ -73,7 +73,7 @@ impl Store {
             // A refusal need not be on the disk to stay a refusal.
             if is_refusal { Ok(()) } else { database.health.check_keeps() }
         });
-        let within = Duration::from_nanos(RECORDED_WITHIN.as_nanos());
+        let within = Duration::from(RECORDED_WITHIN);
         matches!(timeout(within, writing).await, Ok(Ok(())))
     }
 

@@ -13,7 +13,7 @@ use rusqlite::Connection;
 use rusqlite::backup::{Backup, StepResult};
 
 use super::schema::{self, LOCK_WAIT, connect_reading};
-use crate::private_file::{make_folder, make_private_file};
+use telltale_yaml::private_file::{make_folder, make_private_file};
 use crate::{Database, FILE_NAME, StoreError};
 use telltale_engine::time::{Span, Timestamp};
 

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use crate::FILE_NAME;
-use crate::private_file::make_folder;
+use telltale_yaml::private_file::make_folder;
 
 /// The file with the head of the chain, beside the database.
 pub const HEAD_FILE_NAME: &str = "audit.head";

@@ -1,6 +1,6 @@
 //! The database file: its settings, and its schema with all migrations.
 
-use crate::private_file::{make_folder, make_private_file};
+use telltale_yaml::private_file::{make_folder, make_private_file};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 

@@ -318,7 +318,7 @@ mod tests {
             assert_eq!(probe(&store).await, None);
             assert!(locks(&path) > 0, "another program may delete the log now");
         }
-        crate::private_file::make_private_file(&path).unwrap();
+        telltale_yaml::private_file::make_private_file(&path).unwrap();
         let other = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         assert_eq!(probe(&other).await, None);
         other.close().await;

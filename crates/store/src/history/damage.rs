@@ -11,7 +11,7 @@ use crate::StoreError;
 use crate::database::files::{odd_beside, put_aside};
 use crate::database::foreign::difference;
 use crate::disk::salvage;
-use crate::private_file::make_private_file;
+use telltale_yaml::private_file::make_private_file;
 
 /// The rest of a damaged history that was saved.
 #[derive(Debug, Clone, PartialEq, Eq)]

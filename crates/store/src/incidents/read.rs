@@ -136,6 +136,20 @@ impl Incidents {
         list(&self.0, filter)
     }
 
+    /// All that a filter lets through, the newest first, over its pages.
+    pub fn all(&self, mut filter: IncidentFilter) -> Result<Vec<Incident>, StoreError> {
+        let mut all: Vec<Incident> = Vec::new();
+        loop {
+            let page = self.list(&filter)?;
+            let is_last = page.len() < INCIDENTS_PAGE_MAX as usize;
+            all.extend(page);
+            if is_last {
+                return Ok(all);
+            }
+            filter.before = all.last().map(|incident| incident.summary.id);
+        }
+    }
+
     /// As [`Store::incident`].
     pub fn one(&self, id: u64) -> Result<Option<Incident>, StoreError> {
         one(&self.0, id)

@@ -6,9 +6,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::http::Method;
 
+use telltale_clock::rate::Bucket;
 use telltale_engine::time::Timestamp;
 use telltale_store::Role;
-use telltale_store::audit::limit::Bucket;
+use telltale_store::audit::limit::RECORDS;
 
 /// The token bucket of an account has one more action after this long.
 pub const TRY_AGAIN_AFTER_S: u16 = 10;
@@ -23,7 +24,7 @@ impl Recorded {
         let mut accounts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         // A full bucket is that of a new account.
         accounts.retain(|_, bucket| !bucket.is_full(now));
-        accounts.entry(user.clone()).or_insert_with(|| Bucket::full(now)).take(now)
+        accounts.entry(user.clone()).or_insert_with(|| Bucket::new(RECORDS, now)).take(now)
     }
 }
 

@@ -1,9 +1,8 @@
 //! Reads the address of a developer page: its filter, its order, its open parts. The address is the whole
 //! state of a page, so that it can be kept, sent and reloaded.
 
-use std::fmt::Write as _;
 
-use crate::texts::clean;
+use crate::texts::{clean, encode};
 
 /// Fields that are read; more are ignored.
 const PAIRS: usize = 64;
@@ -97,22 +96,11 @@ pub fn address<'a>(pairs: impl Iterator<Item = (&'a str, &'a str)>) -> String {
         if out.len() > 1 {
             out.push('&');
         }
-        encode(&mut out, name);
+        encode(&mut out, name, b"-_.~");
         out.push('=');
-        encode(&mut out, value);
+        encode(&mut out, value, b"-_.~");
     }
     out
-}
-
-fn encode(out: &mut String, text: &str) {
-    for byte in text.bytes() {
-        if byte.is_ascii_alphanumeric() || b"-_.~".contains(&byte) {
-            out.push(char::from(byte));
-        } else {
-            // Writing to a string cannot fail.
-            let _ = write!(out, "%{byte:02X}");
-        }
-    }
 }
 
 #[cfg(test)]

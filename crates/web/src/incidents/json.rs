@@ -1,13 +1,13 @@
 //! Incidents as JSON: the same objects for the HTTP API and for `telltale incident list --json`.
 
 use std::collections::BTreeMap;
-use std::time::{Duration, UNIX_EPOCH};
 
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 
 use crate::schema::words;
+use telltale_clock::of_unix_ms;
 use telltale_record::proof::Proof;
 use telltale_record::story::Story;
 use telltale_record::summary::{FrozenNode, Recording, Summary, TriggerLine};
@@ -15,9 +15,7 @@ use telltale_store::Incident;
 
 /// Milliseconds since 1970 as text, in UTC.
 pub fn time(ms: i64) -> String {
-    // The end of the year 9999 is the last time that has a text.
-    let since = Duration::from_millis(u64::try_from(ms).unwrap_or(0).min(253_402_300_799_999));
-    humantime::format_rfc3339_millis(UNIX_EPOCH + since).to_string()
+    humantime::format_rfc3339_millis(of_unix_ms(ms)).to_string()
 }
 
 /// An incident in a list.

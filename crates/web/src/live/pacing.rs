@@ -29,7 +29,7 @@ impl Pacing {
             self.backlog_until = (self.backlog_until.max(now) + APART_LONG).min(backlog_max);
         }
         let pause = (self.backlog_until.since(now) - BACKLOG_MAX).max(APART);
-        Duration::from_nanos(pause.as_nanos())
+        Duration::from(pause)
     }
 }
 

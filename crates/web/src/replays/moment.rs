@@ -71,5 +71,5 @@ pub(super) fn asks(at_ms: i64, screen: &str) -> String {
 fn held_since_ms(app: &AppState, recorder: &Recorder) -> Option<i64> {
     let age = app.clock.now().since(recorder.holds_since()?);
     // Its first millisecond may have begun before.
-    Some(unix_ms(app.clock.wall() - Duration::from_nanos(age.as_nanos())).saturating_add(1))
+    Some(unix_ms(app.clock.wall() - Duration::from(age)).saturating_add(1))
 }

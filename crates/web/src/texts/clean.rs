@@ -91,16 +91,20 @@ pub fn plain_json(text: String) -> String {
 /// A node's name as a part of an address; slashes stay.
 pub fn address(name: &str) -> String {
     let mut out = String::with_capacity(name.len());
-    for byte in name.bytes() {
-        match byte {
-            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' | b'/' => {
-                out.push(char::from(byte))
-            }
+    encode(&mut out, name, b"-_.~/");
+    out
+}
+
+/// Writes a text into an address: letters, digits and these characters as they are.
+pub fn encode(out: &mut String, text: &str, plain: &[u8]) {
+    for byte in text.bytes() {
+        if byte.is_ascii_alphanumeric() || plain.contains(&byte) {
+            out.push(char::from(byte));
+        } else {
             // Writing to a string cannot fail.
-            _ => drop(write!(out, "%{byte:02X}")),
+            let _ = write!(out, "%{byte:02X}");
         }
     }
-    out
 }
 
 /// Characters that change how others read and are not seen themselves.

@@ -22,7 +22,7 @@ use bars::{action_bar, motion, top_bar};
 use board::{Board, tile, tile_detail};
 pub(crate) use faults::last_alarms::past_fault;
 use faults::{entries, instruction, list};
-use telltale_clock::wall_at;
+use telltale_clock::{wall_at, with_a_text};
 use telltale_engine::input::Refusal;
 use telltale_engine::model::Stage;
 use telltale_engine::snapshot::{Moving, Snapshot};
@@ -136,9 +136,9 @@ impl<'a> View<'a> {
     /// The same for what may come from an earlier run of the program.
     pub(super) fn wall_since(&self, since: Since) -> String {
         let exact = wall_at(self.at, self.snapshot.now, since.at);
-        let exact = exact.checked_sub(Duration::from_nanos(since.before.as_nanos())).unwrap_or(exact);
+        let exact = exact.checked_sub(Duration::from(since.before)).unwrap_or(exact);
         let rounded = exact.checked_add(Duration::from_millis(500)).unwrap_or(exact);
-        humantime::format_rfc3339_seconds(rounded).to_string()
+        humantime::format_rfc3339_seconds(with_a_text(rounded)).to_string()
     }
 }
 

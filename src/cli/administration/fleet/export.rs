@@ -19,6 +19,7 @@ use crate::fleet::message::{Batch, VehicleId};
 use crate::fleet::reading::{From, Logs};
 use crate::web::texts::Lang;
 use crate::web::texts::console::ConsoleWords;
+use crate::config::describe::words::counted;
 use crate::yaml::plain;
 
 /// Write what a vehicle told the hub, as lines of JSON; exit code 1 if there is more than is read at once
@@ -182,8 +183,4 @@ fn report(id: &VehicleId, kept: &Kept, told: &Told<'_>) {
             None => note!("telltale: there is more than is read at once, and none of it is of this time"),
         }
     }
-}
-
-fn counted(count: usize, what: &str) -> String {
-    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
 }

@@ -17,7 +17,7 @@ use crate::learn::{Proposals, learn};
 use crate::msg::fields::Definitions;
 use crate::record::folder;
 use crate::replay::Recording;
-use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents, reported_in};
+use crate::store::{Incident, IncidentFilter, Incidents, reported_in};
 
 /// Propose dependencies from what failed with what in the history
 ///
@@ -47,7 +47,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         bail!("{} exists already: name another file", output.display());
     }
     let folder = args.data.path()?;
-    let incidents = incidents(&folder)?;
+    let incidents = Incidents::open(&folder)?.all(IncidentFilter::default())?;
     let loaded = match &args.config {
         Some(path) => {
             let definitions = |loaded: &Loaded| Definitions::default().with(&loaded.message_folders);
@@ -67,21 +67,6 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         write(output, &loaded, &proposals)?;
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// All incidents, the newest first.
-fn incidents(folder: &Path) -> anyhow::Result<Vec<Incident>> {
-    let incidents = Incidents::open(folder)?;
-    let mut all: Vec<Incident> = Vec::new();
-    loop {
-        let before = all.last().map(|incident| incident.summary.id);
-        let page = incidents.list(&IncidentFilter { before, ..IncidentFilter::default() })?;
-        let is_last = page.len() < INCIDENTS_PAGE_MAX as usize;
-        all.extend(page);
-        if is_last {
-            return Ok(all);
-        }
-    }
 }
 
 /// The configuration in the newest recording that has one.

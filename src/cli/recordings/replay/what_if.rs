@@ -23,7 +23,7 @@ use crate::record::folder;
 use crate::replay::compare::{Comparison, Parting, PartingOf, compare, judged};
 use crate::replay::line::seconds;
 use crate::replay::{Facts, Recording, ReplayError, Run, Shown, Totals};
-use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents, StoreError};
+use crate::store::{Incident, IncidentFilter, Incidents, StoreError};
 use crate::yaml::Problems;
 
 /// Names in one line.
@@ -178,18 +178,9 @@ fn recordings(args: &Args) -> anyhow::Result<Vec<Named>> {
 
 /// All incidents that are kept, the oldest first.
 fn kept(incidents: &Incidents) -> Result<Vec<Incident>, StoreError> {
-    let mut all: Vec<Incident> = Vec::new();
-    loop {
-        let before = all.last().map(|incident| incident.summary.id);
-        let filter = IncidentFilter { kept: Some(true), before, ..IncidentFilter::default() };
-        let page = incidents.list(&filter)?;
-        let is_last = page.len() < INCIDENTS_PAGE_MAX as usize;
-        all.extend(page);
-        if is_last {
-            all.reverse();
-            return Ok(all);
-        }
-    }
+    let mut all = incidents.all(IncidentFilter { kept: Some(true), ..IncidentFilter::default() })?;
+    all.reverse();
+    Ok(all)
 }
 
 fn of_incident(data: &Path, incident: &Incident) -> Named {

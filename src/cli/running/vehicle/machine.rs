@@ -152,5 +152,5 @@ pub fn costmap(header: Header<'_>, resolution_m: f32, cells: &CostmapCells) -> V
 
 /// The wall time so long before.
 pub fn before(stamp: SystemTime, age: Span) -> SystemTime {
-    stamp.checked_sub(Duration::from_nanos(age.as_nanos())).unwrap_or(SystemTime::UNIX_EPOCH)
+    stamp.checked_sub(Duration::from(age)).unwrap_or(SystemTime::UNIX_EPOCH)
 }

@@ -74,7 +74,7 @@ impl Vehicle {
 
     /// Drives, obeys and takes faults until their sender is gone, then leaves DDS.
     pub async fn run(mut self, mut faults: mpsc::Receiver<FaultSwitch>) {
-        let mut steps = every(Duration::from_nanos(STEP.as_nanos()));
+        let mut steps = every(Duration::from(STEP));
         let mut looks = every(LOOK);
         loop {
             tokio::select! {

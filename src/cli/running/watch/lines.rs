@@ -100,7 +100,7 @@ impl Lines {
 fn later(at: &str, since: Span) -> String {
     match humantime::parse_rfc3339(at) {
         Ok(time) => {
-            humantime::format_rfc3339_millis(time + Duration::from_nanos(since.as_nanos())).to_string()
+            humantime::format_rfc3339_millis(time + Duration::from(since)).to_string()
         }
         Err(_) => at.to_owned(),
     }

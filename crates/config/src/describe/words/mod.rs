@@ -187,7 +187,7 @@ pub fn span(span: Span) -> String {
     if !span.is_zero() && span.as_nanos().is_multiple_of(DAY) {
         return format!("{}d", span.as_nanos() / DAY);
     }
-    humantime::format_duration(Duration::from_nanos(span.as_nanos())).to_string()
+    humantime::format_duration(Duration::from(span)).to_string()
 }
 
 /// A size as the configuration has it: `256MB`.

@@ -23,7 +23,7 @@ pub(super) async fn run(
     let of = |publication| context.topics.iter().find(|topic| topic.publication == publication).cloned();
     let (tree, top) = (of(Publication::DiagnosticsAgg), of(Publication::TopLevelState));
     let form = tree.as_ref().or(top.as_ref()).map(|it| it.tree.clone()).unwrap_or_default();
-    let every = |period: Span| every(Duration::from_nanos(period.as_nanos()));
+    let every = |period: Span| every(Duration::from(period));
     let mut trees = tree.as_ref().and_then(|it| it.period).map(every);
     let mut tops = top.as_ref().and_then(|it| it.period).map(every);
     let whole = |snapshot: &Snapshot| (snapshot.overall, aggregate::top_level(snapshot, &form));

@@ -9,7 +9,7 @@ use super::{OutputContext, OutputTopic, aggregate, log};
 use crate::Publisher;
 use crate::outbox::stopped;
 use crate::publish::log_lines::{self, LogLine, TEXT_BYTES_MAX};
-use crate::rate::{Bucket, Rate};
+use telltale_clock::rate::{Bucket, Rate};
 use telltale_engine::model::output::LogLevel;
 use telltale_engine::model::{NodeId, Stage};
 use telltale_engine::snapshot::Snapshot;

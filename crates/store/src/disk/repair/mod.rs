@@ -1,7 +1,7 @@
 //! The work of `telltale data`: checks a data folder, repairs its database, restores a backup. No server
 //! may run on the folder meanwhile, except during a check.
 
-use crate::private_file::make_private_file;
+use telltale_yaml::private_file::make_private_file;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};

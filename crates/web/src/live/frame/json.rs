@@ -421,7 +421,7 @@ impl<'a> Context<'a> {
 
     fn since(&self, since: Since) -> Wall {
         let Wall(at) = self.wall(since.at);
-        Wall(at.checked_sub(Duration::from_nanos(since.before.as_nanos())).unwrap_or(at))
+        Wall(at.checked_sub(Duration::from(since.before)).unwrap_or(at))
     }
 
     fn name(&self, node: NodeId) -> &'a str {

@@ -1,11 +1,12 @@
 //! Values on the wire that are no plain structs: KeyValues, signals, wall time.
 
 use std::collections::HashSet;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::SystemTime;
 
 use humantime::format_rfc3339_millis;
 use serde::Serialize;
 use serde::ser::{SerializeMap, Serializer};
+use telltale_clock::with_a_text;
 
 /// More values than this in one status are searched for double keys by hash.
 const VALUES_SCANNED_MAX: usize = 16;
@@ -46,18 +47,11 @@ pub(super) struct Wall(pub SystemTime);
 
 impl Serialize for Wall {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(&format_rfc3339_millis(on_wire(self.0)))
+        serializer.collect_str(&format_rfc3339_millis(with_a_text(self.0)))
     }
 }
 
 /// Wall time on the wire, as text.
 pub(super) fn rfc3339(time: SystemTime) -> String {
-    format_rfc3339_millis(on_wire(time)).to_string()
+    format_rfc3339_millis(with_a_text(time)).to_string()
 }
-
-/// A clock that is set out of the years 1970 to 9999 shows their first or last instant.
-fn on_wire(time: SystemTime) -> SystemTime {
-    UNIX_EPOCH + time.duration_since(UNIX_EPOCH).unwrap_or_default().min(YEAR_9999_END)
-}
-
-const YEAR_9999_END: Duration = Duration::from_millis(253_402_300_799_999);

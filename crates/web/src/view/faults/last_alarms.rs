@@ -1,13 +1,12 @@
 //! The list of the last alarms: what each was, when, for how long, and whether somebody has acknowledged it.
 
-use std::time::{Duration, UNIX_EPOCH};
-
 use askama::Template;
 
 use super::entries;
 use crate::texts::{NAME, Words, clean};
 use crate::view::node_names::icon;
 use crate::view::{View, html};
+use telltale_clock::of_unix_ms;
 use telltale_engine::model::NodeId;
 use telltale_engine::state::State;
 use telltale_engine::time::Span;
@@ -72,6 +71,5 @@ fn of_alarm(view: &View<'_>, alarm: &PastAlarm) -> AlarmHtml {
 }
 
 fn wall(ms: i64) -> String {
-    let at = UNIX_EPOCH.checked_add(Duration::from_millis(u64::try_from(ms).unwrap_or(0)));
-    humantime::format_rfc3339_seconds(at.unwrap_or(UNIX_EPOCH)).to_string()
+    humantime::format_rfc3339_seconds(of_unix_ms(ms)).to_string()
 }

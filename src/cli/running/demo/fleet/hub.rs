@@ -44,7 +44,7 @@ impl Folder {
     pub fn make() -> anyhow::Result<Folder> {
         let number = getrandom::u64().map_err(|error| anyhow::anyhow!("no random numbers: {error}"))?;
         let path = std::env::temp_dir().join(format!("telltale-fleet-{number:016x}"));
-        crate::store::make_folder(&path)
+        crate::yaml::private_file::make_folder(&path)
             .with_context(|| format!("the folder {} cannot be made", path.display()))?;
         Ok(Folder(path))
     }

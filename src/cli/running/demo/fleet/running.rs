@@ -74,7 +74,7 @@ impl Vehicle {
         let sources = Sources { snapshots, config, news, finished, wanted };
         let fleet = vehicle::start(settings, Some(&self.folder), sources, clock)
             .with_context(|| format!("{} cannot tell the hub", self.member.id))?;
-        let mut ticks = tokio::time::interval(Duration::from_nanos(PERIOD.as_nanos()));
+        let mut ticks = tokio::time::interval(Duration::from(PERIOD));
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
         let mut on = vec![false; self.member.faults.len()];
         let until = loop {

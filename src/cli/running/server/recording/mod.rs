@@ -30,7 +30,8 @@ use crate::record::retention::Policy;
 use crate::record::room::Room;
 use crate::record::writer::{self, Fault, NEWS_MAX, Place, VEHICLE};
 use crate::runtime::Link;
-use crate::store::{Store, TemporaryFolder, make_folder};
+use crate::store::{Store, TemporaryFolder};
+use crate::yaml::private_file::make_folder;
 use crate::web::{Marker, RecordingState};
 
 /// A recording begins at most this much before its pre-roll.

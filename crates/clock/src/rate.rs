@@ -30,6 +30,7 @@ impl Bucket {
         is_left
     }
 
+    /// Whether all that may come at once is left, as at first.
     pub fn is_full(&mut self, now: Timestamp) -> bool {
         self.fill(now);
         self.tokens == self.rate.burst
