@@ -33,7 +33,7 @@ fn snapshots(count: usize) -> Vec<Published> {
     shown.collect()
 }
 
-/// The next message for each of these snapshots in turn, from the beginning in an epoch for each round.
+/// The next message for each of these snapshots in turn, from the beginning after a rewind for each round.
 fn messages(
     bencher: Bencher<'_, '_>,
     form: Form,
@@ -43,8 +43,8 @@ fn messages(
     let frames = Frames::default();
     let (mut next, mut sent) = (0, None);
     bencher.bench_local(|| {
-        let epoch = (next / snapshots.len()) as u64;
-        let published = Published { epoch, ..snapshots[next % snapshots.len()].clone() };
+        let rewinds = (next / snapshots.len()) as u64;
+        let published = Published { rewinds, ..snapshots[next % snapshots.len()].clone() };
         sent = Some(write(&frames, &published, form, sent));
         next += 1;
     });

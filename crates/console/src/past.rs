@@ -95,7 +95,7 @@ impl Past {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use telltale_fleet::message::{Batch, Epoch, Keyframe, Node, VehicleId};
+    use telltale_fleet::message::{Batch, Epoch, Node, NodeStates, VehicleId};
 
     fn content(state: Option<State>) -> Content {
         let nodes = state.into_iter().map(|state| Node {
@@ -106,7 +106,7 @@ mod tests {
             words: String::new(),
             gone: false,
         });
-        Content::Keyframe(Keyframe { stage: Stage::Active, nodes: nodes.collect() })
+        Content::Keyframe(NodeStates { stage: Stage::Active, nodes: nodes.collect() })
     }
 
     fn delta(state: State) -> Content {

@@ -14,8 +14,8 @@ use telltale_fleet::fetching;
 use telltale_fleet::message::{PIECE_BYTES, Pieces, VehicleId};
 use telltale_record::folder::{file_name, number_of};
 use telltale_record::writer::hash_file;
-use telltale_store::audit::{Action, Record, TELLTALE};
 use telltale_store::Store;
+use telltale_store::audit::{Action, Record, TELLTALE};
 use telltale_yaml::private_file::make_folder;
 
 use crate::follow::Shared;

@@ -12,11 +12,11 @@ use telltale_engine::time::{Span, Timestamp};
 use telltale_record::folder::file_name;
 use telltale_record::ring::ConfigurationText;
 use telltale_record::writer::digest;
-use telltale_yaml::private_file::{make_folder, write_private};
 use telltale_web::Examiner;
 use telltale_web::common::{JudgedRow, lower_priority};
 use telltale_web::incidents::{Compared, Comparison, Mistake, RUN_WITHIN, Stop, Trouble, runnable};
 use telltale_web::texts::Lang;
+use telltale_yaml::private_file::{make_folder, write_private};
 
 use crate::state::incidents::{GroupBy, IncidentRow};
 

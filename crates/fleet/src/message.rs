@@ -141,9 +141,9 @@ pub enum Content {
     /// The vehicle in one line. It is on a subject of its own and has no place in the log.
     Head(Head),
     /// The states of all nodes.
-    Keyframe(Keyframe),
+    Keyframe(NodeStates),
     /// The nodes that show something else than in the messages before.
-    Delta(Keyframe),
+    Delta(NodeStates),
     Alarm(Alarm),
     /// The end of the vehicle's audit log, so that a vehicle that rewrites its past is found.
     AuditHead(AuditHead),
@@ -192,8 +192,9 @@ pub struct Cause {
     pub words: String,
 }
 
+/// The stage, and what nodes show: all of them, or those that changed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Keyframe {
+pub struct NodeStates {
     pub stage: Stage,
     pub nodes: Vec<Node>,
 }
@@ -513,7 +514,7 @@ mod tests {
             gone: false,
         }];
         let messages = vec![
-            message(1, Content::Keyframe(Keyframe { stage: Stage::Active, nodes: nodes.clone() })),
+            message(1, Content::Keyframe(NodeStates { stage: Stage::Active, nodes: nodes.clone() })),
             message(2, Content::Gap(Gap { to: 5, why: GapReason::Overflow })),
             message(6, Content::Goodbye),
         ];

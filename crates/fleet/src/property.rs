@@ -10,7 +10,7 @@ use telltale_engine::time::{Span, Timestamp};
 use crate::delivery::{Answer, Delivery, Last, Learned, Order, Said};
 use crate::history::History;
 use crate::message::{
-    Alarm, AuditHead, Batch, Content, Epoch, Gap, GapReason, Incident, Keyframe, Mark, Message, VehicleId,
+    Alarm, AuditHead, Batch, Content, Epoch, Gap, GapReason, Incident, Mark, Message, NodeStates, VehicleId,
     possible_ms,
 };
 use crate::outbox::{Limits, Outbox, Seed};
@@ -303,7 +303,7 @@ fn connected() -> Delivery {
 fn content(what: u8) -> Content {
     let words = "x".repeat(usize::from(what) * 20);
     match what {
-        0..=7 => Content::Delta(Keyframe {
+        0..=7 => Content::Delta(NodeStates {
             stage: Stage::Active,
             nodes: vec![crate::message::Node {
                 node: "lidar/front".into(),
@@ -314,7 +314,7 @@ fn content(what: u8) -> Content {
                 gone: false,
             }],
         }),
-        8 => Content::Keyframe(Keyframe { stage: Stage::Standby, nodes: Vec::new() }),
+        8 => Content::Keyframe(NodeStates { stage: Stage::Standby, nodes: Vec::new() }),
         9 => Content::Alarm(Alarm {
             number: 4,
             node: "gnss/fix".into(),

@@ -9,7 +9,7 @@ use telltale_engine::snapshot::{Reason, Snapshot};
 use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
 
-use crate::message::{Alarm, Cause, Content, Head, Keyframe, Node};
+use crate::message::{Alarm, Cause, Content, Head, Node, NodeStates};
 
 /// Characters of a node's words; the rest is cut.
 pub const WORDS_CHARS_MAX: usize = 200;
@@ -45,7 +45,7 @@ impl Teller {
         let changed = self.changed(snapshot);
         self.note(snapshot);
         let mut parts = parts(snapshot.stage, changed).into_iter();
-        let first = parts.next().unwrap_or(Keyframe { stage: snapshot.stage, nodes: Vec::new() });
+        let first = parts.next().unwrap_or(NodeStates { stage: snapshot.stage, nodes: Vec::new() });
         [Content::Keyframe(first)].into_iter().chain(parts.map(Content::Delta)).collect()
     }
 
@@ -73,7 +73,7 @@ impl Teller {
         self.note(snapshot);
         let mut parts = parts(snapshot.stage, nodes);
         if parts.is_empty() && is_new_stage {
-            parts.push(Keyframe { stage: snapshot.stage, nodes: Vec::new() });
+            parts.push(NodeStates { stage: snapshot.stage, nodes: Vec::new() });
         }
         news.extend(parts.into_iter().map(Content::Delta));
         news
@@ -182,8 +182,8 @@ pub fn is_news(head: &Head, before: &Head) -> bool {
         || head.config != before.config
 }
 
-fn parts(stage: Stage, nodes: Vec<Node>) -> Vec<Keyframe> {
-    nodes.chunks(NODES_MAX).map(|nodes| Keyframe { stage, nodes: nodes.to_vec() }).collect()
+fn parts(stage: Stage, nodes: Vec<Node>) -> Vec<NodeStates> {
+    nodes.chunks(NODES_MAX).map(|nodes| NodeStates { stage, nodes: nodes.to_vec() }).collect()
 }
 
 /// What a node that is not OK says.

@@ -8,9 +8,9 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod discovery;
+mod engine_queue;
 mod name_lookup;
 mod options;
-mod outbox;
 mod probe;
 pub mod publish;
 mod reading;
@@ -36,8 +36,8 @@ pub use transport::process as dds_process;
 pub use transport::quality::Quality;
 
 use discovery::graph::{OwnParticipants, Paces};
+use engine_queue::{End, stopped};
 use futures_util::FutureExt as _;
-use outbox::{End, stopped};
 use probe::ProbeContext;
 use reading::topics::Carryover;
 use session::BridgeContext;
@@ -243,13 +243,13 @@ async fn read(participant: Option<Participant>, context: Arc<BridgeContext>) {
 }
 
 async fn run(mut participant: Participant, context: &BridgeContext, mut down: bool) {
-    let mut legacy = Carryover::default();
+    let mut carried = Carryover::default();
     // Kept while a participant follows another.
     let _announced = participant.announced();
     loop {
         let started = context.clock.now();
         let end = {
-            let mut session = std::pin::pin!(session::run(&participant, context, &mut legacy));
+            let mut session = std::pin::pin!(session::run(&participant, context, &mut carried));
             let over = tokio::select! {
                 end = &mut session => Some(end),
                 () = settled(&participant), if down => None,

@@ -9,9 +9,9 @@ use tokio::task::JoinSet;
 use super::discovery::graph::{self, OwnParticipants, Paces};
 use super::discovery::nodes::Nodes;
 use super::discovery::{peers, presence, status_writers};
+use super::engine_queue::{End, stopped};
 use super::options::BridgeOptions;
 use super::options::interfaces::{self, AddressWatch};
-use super::outbox::{End, stopped};
 use super::probe::lifecycle::{self, LifecycleContext};
 use super::reading::clock_step::StepWatch;
 use super::reading::topic::TopicContext;
@@ -56,7 +56,7 @@ pub struct BridgeContext {
 
 /// Reads until the end. When it returns, the readers and everything else that holds the participant are
 /// gone.
-pub async fn run(participant: &Participant, context: &BridgeContext, legacy: &mut Carryover) -> End {
+pub async fn run(participant: &Participant, context: &BridgeContext, carried: &mut Carryover) -> End {
     let _announcer = peers::announce(participant, &context.options);
     let (stop, stopping) = watch::channel(false);
     let around = TopicContext {
@@ -69,8 +69,8 @@ pub async fn run(participant: &Participant, context: &BridgeContext, legacy: &mu
     };
     let mut plan = context.plan.clone();
     let first = plan.borrow_and_update().clone();
-    legacy.keep_what_is_read(&first);
-    let mut topics = Topics::start(around, &first, legacy);
+    carried.keep_what_is_read(&first);
+    let mut topics = Topics::start(around, &first, carried);
     let mut others = JoinSet::new();
     others.spawn(presence::run(
         participant.clone(),
@@ -102,10 +102,10 @@ pub async fn run(participant: &Participant, context: &BridgeContext, legacy: &mu
     ));
     let asking = LifecycleContext { participant: participant.clone(), inputs, nodes, clock: context.clock };
     others.spawn(lifecycle::run(asking, context.plan.clone(), stopping));
-    let end = watch_over(participant, context, plan, (&mut topics, &mut others), legacy).await;
+    let end = watch_over(participant, context, plan, (&mut topics, &mut others), carried).await;
     // The receivers live in the tasks; without tasks there is nothing to stop.
     let _ = stop.send(true);
-    topics.close(legacy).await;
+    topics.close(carried).await;
     while others.join_next().await.is_some() {}
     end
 }
@@ -115,7 +115,7 @@ async fn watch_over(
     context: &BridgeContext,
     mut plan: watch::Receiver<Arc<Plan>>,
     (topics, others): (&mut Topics, &mut JoinSet<()>),
-    legacy: &mut Carryover,
+    carried: &mut Carryover,
 ) -> End {
     let mut news = participant.news();
     // Endpoints that are discovered already are news, too: on Zenoh no other may follow.
@@ -134,14 +134,14 @@ async fn watch_over(
             Ok(()) = rebuild.changed() => return End::Rebuild("asked for".to_owned()),
             Ok(()) = plan.changed() => {
                 let next = plan.borrow_and_update().clone();
-                if let Err(end) = topics.follow(&next, legacy).await {
+                if let Err(end) = topics.follow(&next, carried).await {
                     return end;
                 }
-                topics.learn(legacy);
-                context.unrecorded.send_replace(topics.record(&next, &context.siblings, legacy));
+                topics.learn(carried);
+                context.unrecorded.send_replace(topics.record(&next, &context.siblings, carried));
             }
             ended = participant.ended() => return lost(ended),
-            Some(ended) = topics.tasks.join_next() => if let Some(end) = topics.ended(ended, legacy) {
+            Some(ended) = topics.tasks.join_next() => if let Some(end) = topics.ended(ended, carried) {
                 return end;
             },
             Some(ended) = others.join_next() => return match ended {
@@ -153,10 +153,10 @@ async fn watch_over(
             _ = looks.tick() => {
                 look += 1;
                 context.works.send_replace(clock.now());
-                topics.learn(legacy);
+                topics.learn(carried);
                 if look.is_multiple_of(4) {
                     let plan = plan.borrow().clone();
-                    context.unrecorded.send_replace(topics.record(&plan, &context.siblings, legacy));
+                    context.unrecorded.send_replace(topics.record(&plan, &context.siblings, carried));
                 }
                 if let Some(back) = steps.look(clock.wall(), clock.now()) {
                     return End::Rebuild(format!("the wall clock was set back by {back:?}"));

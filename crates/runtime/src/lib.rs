@@ -58,8 +58,8 @@ pub struct Published {
     pub at: SystemTime,
     /// When this process received the snapshot, by the clock of this process.
     pub received: Timestamp,
-    /// Grows whenever the source goes back in time; 0 for a running engine.
-    pub epoch: u64,
+    /// How often the source went back in time; 0 for a running engine.
+    pub rewinds: u64,
     /// An incident is being recorded.
     pub recording: bool,
     /// It comes from a replay. Its readers may see a locked vehicle too.
@@ -67,24 +67,24 @@ pub struct Published {
 }
 
 /// The place of a state, or of its words, in what a source shows. After a step back in time the numbers
-/// of snapshots come again, in a later epoch.
+/// of snapshots come again, with more rewinds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Version {
-    pub epoch: u64,
+    pub rewinds: u64,
     pub number: u64,
 }
 
 /// A number of a running engine, which never goes back.
 impl From<u64> for Version {
     fn from(number: u64) -> Version {
-        Version { epoch: 0, number }
+        Version { rewinds: 0, number }
     }
 }
 
 impl Published {
     /// A snapshot that nobody received from an engine of this process: one of a recording or a test.
     pub fn recorded(snapshot: Arc<Snapshot>, at: SystemTime) -> Published {
-        Published { snapshot, at, received: Timestamp::ZERO, epoch: 0, recording: false, replay: false }
+        Published { snapshot, at, received: Timestamp::ZERO, rewinds: 0, recording: false, replay: false }
     }
 
     /// Nobody is logged in at the vehicle, so nothing of it is shown.
@@ -96,17 +96,17 @@ impl Published {
         let received = clock.now();
         let at = wall_at(clock.wall(), received, snapshot.now);
         let recording = feed.is_some_and(Feed::is_recording);
-        Published { snapshot, at, received, epoch: 0, recording, replay: false }
+        Published { snapshot, at, received, rewinds: 0, recording, replay: false }
     }
 
     /// Grows with every state.
     pub fn seq(&self) -> Version {
-        Version { epoch: self.epoch, number: self.snapshot.seq }
+        Version { rewinds: self.rewinds, number: self.snapshot.seq }
     }
 
     /// Grows with every state and with all words.
     pub fn revision(&self) -> Version {
-        Version { epoch: self.epoch, number: self.snapshot.revision }
+        Version { rewinds: self.rewinds, number: self.snapshot.revision }
     }
 }
 

@@ -11,10 +11,10 @@ mod database;
 mod disk;
 mod history;
 mod incidents;
-mod outbox;
 mod queue;
 mod sessions;
 mod temporary_folder;
+mod unwritten;
 mod users;
 mod vehicle;
 
@@ -56,11 +56,11 @@ use database::foreign::Schema;
 use database::schema;
 use disk::health::Health;
 use disk::stall::JobWatch;
-use outbox::Outbox;
 use queue::{Job, Queue};
 use sessions::table::Sessions;
 use telltale_clock::Clock;
 use telltale_engine::time::Timestamp;
+use unwritten::Unwritten;
 use users::secret::Hashing;
 
 /// How long a change by another process (`telltale user remove`) may stay unnoticed.
@@ -201,7 +201,7 @@ impl StoreError {
 pub struct Store {
     queue: Queue,
     sessions: Arc<Sessions>,
-    outbox: Arc<Outbox>,
+    unwritten: Arc<Unwritten>,
     hashing: Hashing,
     fault: watch::Receiver<Fault>,
     folder: Option<Arc<Path>>,
@@ -214,7 +214,7 @@ pub struct Store {
 struct Database {
     connection: Connection,
     sessions: Arc<Sessions>,
-    outbox: Arc<Outbox>,
+    unwritten: Arc<Unwritten>,
     clock: Clock,
     /// Nothing is judged by a time before this one.
     floor: SystemTime,
@@ -334,7 +334,7 @@ impl Store {
         demo: DemoSecrets,
         serves: bool,
     ) -> Result<Store, StoreError> {
-        let (sessions, outbox) = (Arc::new(Sessions::default()), Arc::new(Outbox::default()));
+        let (sessions, unwritten) = (Arc::new(Sessions::default()), Arc::new(Unwritten::default()));
         let fault = health.watch();
         let no_thread = |reason| StoreError::Folder { path: PathBuf::from("(a new thread)"), reason };
         let job_watch = JobWatch::start(health.fault_sender(), folder, clock).map_err(no_thread)?;
@@ -342,7 +342,7 @@ impl Store {
         let mut database = Database {
             connection,
             sessions: sessions.clone(),
-            outbox: outbox.clone(),
+            unwritten: unwritten.clone(),
             clock,
             floor,
             opened: clock.now(),
@@ -371,7 +371,7 @@ impl Store {
         Ok(Store {
             queue,
             sessions,
-            outbox,
+            unwritten,
             hashing: Hashing::new(demo)?,
             fault,
             folder: folder.map(Arc::from),
@@ -414,7 +414,7 @@ impl Database {
                 Ok(job) => Ok(job),
                 Err(TryRecvError::Disconnected) => Err(RecvTimeoutError::Disconnected),
                 Err(TryRecvError::Empty) => {
-                    self.write_outbox_if_due();
+                    self.write_waiting_if_due();
                     self.log.note_head();
                     self.idle();
                     jobs.recv_timeout(FOREIGN_CHANGE_POLL)
@@ -444,7 +444,7 @@ impl Database {
 
     fn end(mut self) {
         // The last failure is logged.
-        let _ = self.write_outbox();
+        let _ = self.write_waiting();
         self.log.note_head();
         self.log.log_head();
         // SQLite deletes the log by its name. If that is now the log of another database, it is left as it

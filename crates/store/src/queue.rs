@@ -65,7 +65,7 @@ impl Store {
 
     /// Records of the audit log that are not on the disk.
     pub fn records_unwritten(&self) -> usize {
-        self.outbox.waiting()
+        self.unwritten.waiting()
     }
 
     /// Runs `job` on the store's thread and waits for its answer.

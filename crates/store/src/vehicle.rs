@@ -137,7 +137,7 @@ impl Database {
             let stored = self.stored_vehicle.as_ref();
             stored.is_none_or(|stored| memory.seq >= stored.seq && !memory.says_the_same(stored))
         });
-        let Some(memory) = news else { return self.write_outbox() };
+        let Some(memory) = news else { return self.write_waiting() };
         self.change(&[], |transaction| write(transaction, &memory))?;
         self.is_stored(memory);
         Ok(true)

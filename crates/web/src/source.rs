@@ -97,14 +97,14 @@ impl Player {
         (Player { snapshots }, Replay { snapshots: shown, flows: Arc::default(), gaps: Arc::default() })
     }
 
-    /// Shows this snapshot. An earlier one than before begins a new epoch.
+    /// Shows this snapshot. An earlier one than before is a rewind.
     pub fn show(&self, next: Published) {
         self.snapshots.send_modify(|shown| {
             let place = |it: &Published| (it.snapshot.now, it.snapshot.seq, it.snapshot.revision);
             let ((now, seq, revision), before) = (place(&next), place(shown));
             let is_back = now < before.0 || seq < before.1 || revision < before.2;
-            let epoch = shown.epoch + u64::from(is_back);
-            *shown = Published { epoch, replay: true, ..next };
+            let rewinds = shown.rewinds + u64::from(is_back);
+            *shown = Published { rewinds, replay: true, ..next };
         });
     }
 }

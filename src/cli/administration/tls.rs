@@ -58,7 +58,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let names = all_names(names);
     let (certificate_pem, key_pem) = self_signed(&names)?;
     for (path, pem) in [(&key, key_pem), (&certificate, certificate_pem)] {
-        write_private(path, pem.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
+        write_private(path, pem.as_bytes())
+            .with_context(|| format!("{} cannot be written", path.display()))?;
     }
     say!("made {}", certificate.display());
     say!("     {}", key.display());

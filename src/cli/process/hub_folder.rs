@@ -27,7 +27,8 @@ pub fn write_hub(dir: &Path, names: &[String], listen: &str, disk_bytes: u64) ->
     }
     let (certificate_pem, key_pem) = self_signed(names)?;
     for (path, pem) in [(&key, key_pem), (&certificate, certificate_pem)] {
-        write_private(path, pem.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
+        write_private(path, pem.as_bytes())
+            .with_context(|| format!("{} cannot be written", path.display()))?;
     }
     // nats-server reads them from its working directory.
     let (certificate, key) = (Path::new(CERTIFICATE), Path::new(KEY));

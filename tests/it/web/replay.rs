@@ -96,11 +96,11 @@ fn frames_are_right_forwards_and_back() {
     let (frames, trends) = (Frames::default(), Trends::default());
     let app_published = || replay.snapshots().borrow().clone();
     let (mut page, mut shown) = (Page::default(), None::<Version>);
-    let mut epochs = Vec::new();
+    let mut rewinds = Vec::new();
     for place in [0, 1, 3, 4, 2, 3, 0, 0, 4, 1] {
         player.show(recording[place].clone());
         let published = app_published();
-        epochs.push(published.epoch);
+        rewinds.push(published.rewinds);
         trends.sample(&published);
         for lang in Lang::ALL {
             frames.html(&published, lang, &trends);
@@ -115,18 +115,18 @@ fn frames_are_right_forwards_and_back() {
         let anew = Frames::default();
         let json = frames.json(&published);
         assert_eq!(json.as_str(), anew.json(&recording[place]).as_str(), "{place}");
-        if published.snapshot.seq == recording[place].snapshot.seq && is_first_of(&epochs) {
+        if published.snapshot.seq == recording[place].snapshot.seq && is_first_of(&rewinds) {
             let fresh = anew.html(&recording[place], Lang::En, &trends);
             assert_eq!(frame.full().as_str(), fresh.full().as_str(), "after a step back to {place}");
         }
         let is_broken = page.0["causes"].contains(r#"data-node="sensors/lidar""#);
         assert_eq!(is_broken, RECORDED[place].1 == 2, "{place}: {}", page.0["causes"]);
     }
-    assert_eq!(epochs, [0, 0, 0, 0, 1, 1, 2, 2, 2, 3]);
+    assert_eq!(rewinds, [0, 0, 0, 0, 1, 1, 2, 2, 2, 3]);
 }
 
-fn is_first_of(epochs: &[u64]) -> bool {
-    matches!(epochs, [.., before, last] if before != last)
+fn is_first_of(rewinds: &[u64]) -> bool {
+    matches!(rewinds, [.., before, last] if before != last)
 }
 
 #[test]

@@ -6,7 +6,7 @@ use serde::Serialize;
 use telltale_engine::model::Stage;
 use telltale_engine::module::system::OTHER_GROUP;
 use telltale_engine::state::State;
-use telltale_fleet::message::{Alarm, Content, Keyframe, Mark, Message};
+use telltale_fleet::message::{Alarm, Content, Mark, Message, NodeStates};
 use telltale_web::texts::{ID, MESSAGE, clean};
 
 /// Nodes and alarms of one vehicle; further ones are left out.
@@ -119,7 +119,7 @@ impl Picture {
         }
     }
 
-    fn show(&mut self, changed: &Keyframe) {
+    fn show(&mut self, changed: &NodeStates) {
         self.stage = Some(changed.stage);
         for node in &changed.nodes {
             let name = clean(&node.node, ID);

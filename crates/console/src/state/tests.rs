@@ -5,8 +5,8 @@ use telltale_engine::state::State;
 use telltale_engine::time::{Since, Span, Timestamp};
 use telltale_fleet::hub::VEHICLES_MAX;
 use telltale_fleet::message::{
-    Alarm, AuditHead, Batch, Cause, Content, Epoch, Gap, GapReason, Head, Incident, Keyframe, Malformed,
-    Message, Node, VehicleId,
+    Alarm, AuditHead, Batch, Cause, Content, Epoch, Gap, GapReason, Head, Incident, Malformed, Message, Node,
+    NodeStates, VehicleId,
 };
 use telltale_fleet::reading::Stream;
 
@@ -298,7 +298,7 @@ fn texts_have_bounds_and_no_letters_that_act() {
         assert!(text.chars().count() <= 301, "{}", text.len());
         assert!(!text.contains(|letter: char| letter.is_control() || letter == '\u{202e}'), "{text}");
     }
-    let words = Keyframe {
+    let words = NodeStates {
         stage: Stage::Active,
         nodes: vec![Node {
             node: hostile.clone(),
@@ -337,7 +337,7 @@ fn the_picture_follows_keyframes_and_changes_and_says_when_something_is_missing(
     };
     let stage = Stage::Standby;
     let mut world = World::new();
-    let all = Keyframe { stage, nodes: vec![node("a", State::Ok, false), node("b", State::Ok, false)] };
+    let all = NodeStates { stage, nodes: vec![node("a", State::Ok, false), node("b", State::Ok, false)] };
     let alarm =
         Alarm { number: 7, node: "a".into(), active: true, acknowledged: false, words: String::new() };
     world.tell(
@@ -345,7 +345,7 @@ fn the_picture_follows_keyframes_and_changes_and_says_when_something_is_missing(
         "v",
         vec![
             message(1, 1, Content::Keyframe(all.clone())),
-            message(1, 2, Content::Delta(Keyframe { stage, nodes: vec![node("a", State::Error, false)] })),
+            message(1, 2, Content::Delta(NodeStates { stage, nodes: vec![node("a", State::Error, false)] })),
             message(1, 3, Content::Alarm(alarm.clone())),
         ],
     );
@@ -375,7 +375,11 @@ fn the_picture_follows_keyframes_and_changes_and_says_when_something_is_missing(
         "v",
         vec![
             message(1, 10, Content::Keyframe(all)),
-            message(1, 11, Content::Delta(Keyframe { stage, nodes: vec![node("b", State::Unknown, true)] })),
+            message(
+                1,
+                11,
+                Content::Delta(NodeStates { stage, nodes: vec![node("b", State::Unknown, true)] }),
+            ),
         ],
     );
     assert_eq!(picture(&world), (vec![("a".to_owned(), State::Ok)], 0, true));
@@ -386,7 +390,7 @@ fn the_picture_follows_a_run_with_an_older_number() {
     let keyframe = |run, state| {
         let node =
             Node { node: "a".into(), state, own: state, cause: None, words: String::new(), gone: false };
-        message(run, 1, Content::Keyframe(Keyframe { stage: Stage::Standby, nodes: vec![node] }))
+        message(run, 1, Content::Keyframe(NodeStates { stage: Stage::Standby, nodes: vec![node] }))
     };
     let shown = |world: &World| {
         let picture = &world.fleet.vehicle(&id("v")).unwrap().picture;

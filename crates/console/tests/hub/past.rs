@@ -7,7 +7,7 @@ mod schemas;
 use telltale_console::state::time;
 use telltale_engine::model::Stage;
 use telltale_engine::state::State;
-use telltale_fleet::message::{Alarm, Epoch, Gap, GapReason, Keyframe, Message, Node};
+use telltale_fleet::message::{Alarm, Epoch, Gap, GapReason, Message, Node, NodeStates};
 
 use schemas::Strict;
 
@@ -33,7 +33,7 @@ fn drive(began_ms: i64) -> Vec<Message> {
             node("sensors/lidar", state, None),
         ]
     };
-    let stage = |stage, nodes| Keyframe { stage, nodes };
+    let stage = |stage, nodes| NodeStates { stage, nodes };
     let told = [
         (1, 60, Content::Keyframe(stage(Stage::Standby, all(State::Ok, None)))),
         (2, 120, Content::Delta(stage(Stage::Active, Vec::new()))),

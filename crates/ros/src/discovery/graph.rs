@@ -10,7 +10,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 use super::nodes::Nodes;
-use crate::outbox::stopped;
+use crate::engine_queue::stopped;
 use crate::transport::{Found, Participant, Seen};
 use telltale_clock::Clock;
 use telltale_engine::discovery::{Discovery, ENDPOINTS_MAX, Endpoint, TOPICS_MAX, TopicSeen};

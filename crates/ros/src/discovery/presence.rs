@@ -14,7 +14,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 use super::nodes::{self, Nodes};
-use crate::outbox::stopped;
+use crate::engine_queue::stopped;
 use crate::transport::quality::Via;
 use crate::transport::{Participant, Quality, ReaderEvent, Seen, Writer};
 use telltale_clock::Clock;

@@ -9,8 +9,8 @@ use tokio::sync::{mpsc, watch};
 
 use super::nodes::Nodes;
 use super::repeated::Repeated;
+use crate::engine_queue::stopped;
 use crate::every;
-use crate::outbox::stopped;
 use crate::transport::Participant;
 use crate::transport::ids::PREFIX;
 use telltale_clock::Clock;

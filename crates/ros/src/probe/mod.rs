@@ -13,8 +13,8 @@ use tokio::sync::{Semaphore, mpsc, watch};
 use tokio::task::JoinSet;
 
 use super::discovery::nodes::Nodes;
+use super::engine_queue::stopped;
 use super::name_lookup::Lookup;
-use super::outbox::stopped;
 use crate::every;
 use icmp_echo::EchoError;
 use system::System;

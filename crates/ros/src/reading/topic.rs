@@ -16,7 +16,7 @@ use super::publishers::{Came, Offer, Published, Verdict, Writers};
 use super::readers::{Advice, Readers, Retention, Sample};
 use super::trouble::Troubles;
 use crate::discovery::graph::Paces;
-use crate::outbox::{End, Outbox, stopped, waiting_bytes};
+use crate::engine_queue::{End, EngineQueue, stopped, waiting_bytes};
 use crate::transport::{Found, Participant};
 use telltale_clock::Clock;
 use telltale_engine::input::{Input, TroubleKind};
@@ -49,7 +49,7 @@ pub struct TopicContext {
 /// State that outlives a participant: gaps are counted across a replacement, and samples are not taken
 /// twice.
 #[derive(Debug)]
-pub struct Memory {
+pub struct TopicState {
     writers: Writers,
     delays: Delays,
     troubles: Troubles,
@@ -61,15 +61,15 @@ pub struct Memory {
     newest: Option<(SystemTime, Guid)>,
 }
 
-impl Memory {
-    pub fn new(subscription: &Subscription) -> Memory {
+impl TopicState {
+    pub fn new(subscription: &Subscription) -> TopicState {
         let retention = match (subscription.may_be_large(), subscription.recorded_every()) {
             (true, _) => Retention::of_large_messages(),
             (false, Some(_)) => Retention::of_recorded_messages(),
             (false, None) => Retention::new(),
         };
         let (writers, delays, troubles, last_values) = Default::default();
-        Memory { writers, delays, troubles, retention, last_values, heard: None, newest: None }
+        TopicState { writers, delays, troubles, retention, last_values, heard: None, newest: None }
     }
 
     /// When the last message of its type came.
@@ -78,7 +78,7 @@ impl Memory {
     }
 }
 
-/// The history of a topic so far.
+/// What the owner of the task that reads a topic knows of its messages.
 #[derive(Debug, Default)]
 pub struct Trial {
     /// When the last message came, in nanoseconds; 0 before the first.
@@ -130,8 +130,8 @@ pub struct Topic {
     trial: Arc<Trial>,
     around: TopicContext,
     readers: Readers,
-    memory: Memory,
-    outbox: Outbox,
+    state: TopicState,
+    queue: EngineQueue,
     /// The last values that the participant or the reader before this one heard. Their publishers repeat them; the engine
     /// forgot them when those ended.
     forgotten: LastValues,
@@ -145,29 +145,29 @@ impl Topic {
     pub fn new(
         subscription: Arc<Subscription>,
         around: TopicContext,
-        mut memory: Memory,
+        mut state: TopicState,
         trial: Arc<Trial>,
     ) -> Topic {
-        memory.writers.listen(around.clock.wall());
-        if let Some(heard) = memory.heard {
+        state.writers.listen(around.clock.wall());
+        if let Some(heard) = state.heard {
             trial.note_data(heard);
         }
-        let depth = memory.retention.depth();
+        let depth = state.retention.depth();
         let readers = Readers::new(around.participant.clone(), &subscription, depth, around.clock.now());
-        let outbox = Outbox::new(around.inputs.clone(), around.stop.clone());
-        let forgotten = memory.last_values.clone();
+        let queue = EngineQueue::new(around.inputs.clone(), around.stop.clone());
+        let forgotten = state.last_values.clone();
         let topic = Topic {
             subscription,
             searching_until: around.clock.now() + DISCOVERY,
             said: None,
-            anew: memory.heard.is_some(),
+            anew: state.heard.is_some(),
             told_of_mix: false,
             followed: Timestamp::ZERO,
             trial,
             around,
             readers,
-            memory,
-            outbox,
+            state,
+            queue,
             forgotten,
             recorded_from: Timestamp::ZERO,
             kept: Kept::default(),
@@ -177,12 +177,12 @@ impl Topic {
     }
 
     /// Reads until the end, or until nobody gives orders any more.
-    pub async fn run(mut self, mut orders: Orders) -> (Memory, End) {
+    pub async fn run(mut self, mut orders: Orders) -> (TopicState, End) {
         let end = match self.read(&mut orders).await {
             Ok(never) => match never {},
             Err(end) => end,
         };
-        (self.memory, end)
+        (self.state, end)
     }
 
     async fn read(&mut self, orders: &mut Orders) -> Result<std::convert::Infallible, End> {
@@ -191,7 +191,7 @@ impl Topic {
         self.follow_discovery();
         loop {
             let follow = self.follow_due();
-            let due = [self.memory.troubles.due(), self.news_due(), follow].into_iter().flatten().min();
+            let due = [self.state.troubles.due(), self.news_due(), follow].into_iter().flatten().min();
             let due = due.map(|due| self.around.clock.instant(due));
             tokio::select! {
                 biased;
@@ -209,8 +209,8 @@ impl Topic {
                 () = poll_fn(|context| self.readers.poll(context, &mut batch, &mut faults)) => {
                     let received = self.around.clock.now();
                     match (self.readers.may_have_missed(), self.readers.asks_for_last_value()) {
-                        (true, true) => self.memory.writers.may_miss(&self.subscription.dds_type),
-                        (true, false) => self.memory.writers.may_miss_any(),
+                        (true, true) => self.state.writers.may_miss(&self.subscription.dds_type),
+                        (true, false) => self.state.writers.may_miss_any(),
                         (false, _) => {}
                     }
                     self.take_faults(&mut faults);
@@ -237,11 +237,11 @@ impl Topic {
 
     async fn take_batch(&mut self, batch: &mut Vec<Sample>, received: Timestamp) -> Result<(), End> {
         let sizes = batch.iter().map(|sample| sample.body.as_ref().map_or(0, |(body, _)| body.len()));
-        match self.memory.retention.observe(sizes) {
+        match self.state.retention.observe(sizes) {
             Advice::Fits => {}
             Advice::Deepen(depth) => self.readers.deepen(depth),
             Advice::Rebuild(depth) => {
-                self.memory.retention = Retention::with_depth(depth);
+                self.state.retention = Retention::with_depth(depth);
                 return Err(End::Rebuild(format!(
                     "messages on {} are so large that only {depth} can be kept",
                     self.subscription.topic
@@ -257,15 +257,15 @@ impl Topic {
     }
 
     async fn take_sample(&mut self, sample: Sample, received: Timestamp) -> Result<(), End> {
-        if self.memory.writers.is_first_of_undiscovered(&sample.writer, received) {
+        if self.state.writers.is_first_of_undiscovered(&sample.writer, received) {
             self.follow_discovery();
             self.tell_news().await?;
         }
         let dds_type = &self.subscription.dds_type;
-        let published = self.memory.writers.published(&sample.writer, sample.source, received);
-        let troubles = &mut self.memory.troubles;
+        let published = self.state.writers.published(&sample.writer, sample.source, received);
+        let troubles = &mut self.state.troubles;
         let came = Came { source: sample.source, received, is_now: published == Published::Now };
-        let verdict = self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type, came);
+        let verdict = self.state.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type, came);
         // A message that two readers received came once.
         if verdict != Verdict::Skip {
             self.around.paces.take(&self.subscription.dds_topic, received);
@@ -274,14 +274,14 @@ impl Topic {
             Verdict::Skip => {
                 return match self.forgotten.remove(&sample.writer, sample.sequence) {
                     Some(LastValue { message, at }) => {
-                        self.memory.writers.may_miss(dds_type);
+                        self.state.writers.may_miss(dds_type);
                         self.hand_over(&message, (PublicationTime::Kept, received.since(at)), received).await
                     }
                     None => Ok(()),
                 };
             }
             Verdict::WrongType => {
-                let theirs = self.memory.writers.type_name(&sample.writer).unwrap_or_default();
+                let theirs = self.state.writers.type_name(&sample.writer).unwrap_or_default();
                 troubles.add(TroubleKind::WrongType, 1, || wrong_type(theirs, &self.subscription));
                 return Ok(());
             }
@@ -291,17 +291,17 @@ impl Topic {
             }),
         }
         let wall = self.around.clock.wall();
-        let late = self.memory.delays.take(&sample.writer, sample.source, (received, wall));
+        let late = self.state.delays.take(&sample.writer, sample.source, (received, wall));
         self.forgotten.forget(&sample.writer);
         self.trial.note_data(received);
-        self.memory.heard = Some(received);
+        self.state.heard = Some(received);
         if let Some(every) = self.subscription.recorded_every() {
             if received < self.recorded_from {
                 return Ok(());
             }
             self.recorded_from = received + every;
         }
-        let keeps = self.memory.writers.keeps_last_value(&sample.writer, dds_type);
+        let keeps = self.state.writers.keeps_last_value(&sample.writer, dds_type);
         let message = Arc::new(Message {
             topic: self.subscription.topic.clone(),
             type_name: self.subscription.type_name.clone(),
@@ -314,13 +314,13 @@ impl Topic {
             kept: keeps,
         });
         if keeps {
-            self.memory.last_values.take(&message, received - late);
+            self.state.last_values.take(&message, received - late);
         }
         let when = match published {
             Published::Now => PublicationTime::Now,
             Published::Unfound => PublicationTime::Late,
             Published::Before if keeps => {
-                self.memory.writers.may_miss(dds_type);
+                self.state.writers.may_miss(dds_type);
                 PublicationTime::Kept
             }
             Published::Before => PublicationTime::Past,
@@ -336,19 +336,19 @@ impl Topic {
         received: Timestamp,
     ) -> Result<(), End> {
         let Message { body, writer, .. } = &**message;
-        self.memory.writers.speaks(writer);
+        self.state.writers.speaks(writer);
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
         let wall_ns = i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX);
         let received_message = Received { body, writer: *writer, wall_ns, when };
         let (mut inputs, wrong) = self.subscription.decode_by(received_message, &self.around.ros_clock);
         // Late messages of several writers come in any order: the signal is what the newest one says.
         let published = message.source.map(|source| (source, *writer));
-        let newest = self.memory.newest;
+        let newest = self.state.newest;
         let is_older = published.zip(newest).is_some_and(|(it, last)| it.1 != last.1 && it.0 < last.0);
         if is_older && (when != PublicationTime::Now || !late.is_zero()) {
             inputs.retain(|input| !matches!(input, Input::Signal { .. }));
         } else {
-            self.memory.newest = published.or(newest);
+            self.state.newest = published.or(newest);
         }
         if !late.is_zero() {
             inputs.retain(|input| !self.subscription.is_over(input, late));
@@ -366,7 +366,7 @@ impl Topic {
                 (NoValue::Fault(fault), Ok(_)) => format!("{fault}, of {bytes} in all"),
                 _ => wrong.to_string(),
             };
-            self.memory.troubles.add(TroubleKind::Malformed, 1, text);
+            self.state.troubles.add(TroubleKind::Malformed, 1, text);
         }
         if inputs.is_empty() {
             inputs.push(Input::Tick);
@@ -377,7 +377,7 @@ impl Topic {
         for input in inputs {
             let waiting = waiting_bytes(&input, bytes) + std::mem::take(&mut body_bytes);
             let stamped = Stamped { input, received, message: Some(message.clone()) };
-            self.outbox.send(stamped, waiting).await?;
+            self.queue.send(stamped, waiting).await?;
         }
         Ok(())
     }
@@ -396,21 +396,21 @@ impl Topic {
 
     fn take_faults(&mut self, faults: &mut Vec<String>) {
         for reason in faults.drain(..) {
-            self.memory.troubles.add(TroubleKind::Malformed, 1, || reason);
+            self.state.troubles.add(TroubleKind::Malformed, 1, || reason);
         }
     }
 
     async fn tell_troubles(&mut self) -> Result<(), End> {
-        if self.memory.troubles.due().is_none() {
+        if self.state.troubles.due().is_none() {
             return Ok(());
         }
         let now = self.around.clock.now();
-        for trouble in self.memory.troubles.take(&self.subscription.topic, now) {
+        for trouble in self.state.troubles.take(&self.subscription.topic, now) {
             // The numbers of the messages in a recording show what is missing; the operator has no use for it.
             if self.subscription.recorded_every().is_some() || self.trial.is_quiet() {
                 continue;
             }
-            self.outbox.send(Stamped::new(Input::Reception(trouble), now), 0).await?;
+            self.queue.send(Stamped::new(Input::Reception(trouble), now), 0).await?;
         }
         Ok(())
     }
@@ -423,7 +423,7 @@ impl Topic {
 
     /// When another reader may fit, without any news of discovery.
     fn follow_due(&self) -> Option<Timestamp> {
-        let fitting = self.memory.writers.fitting_due(self.followed);
+        let fitting = self.state.writers.fitting_due(self.followed);
         [fitting, self.readers.overlap_ends()].into_iter().flatten().min()
     }
 
@@ -433,17 +433,17 @@ impl Topic {
             return Ok(());
         };
         let (publishers, other, transient_local, best_effort) =
-            self.memory.writers.publishers(&self.subscription.dds_type);
+            self.state.writers.publishers(&self.subscription.dds_type);
         let other_type: Option<Box<str>> = other.map(|theirs| messages::ros_type_name(theirs).into());
         let now = self.around.clock.now();
         let found = publishers > 0 || other_type.is_some();
         let source = source.clone();
-        let is_settled = self.memory.writers.settles_at(now).is_none();
+        let is_settled = self.state.writers.settles_at(now).is_none();
         // Lost messages are sent again to a reliable reader alone, and kept ones to a reader that asks for them.
         let best_effort = best_effort || publishers > 0 && is_settled && !self.readers.any_reliable();
         let is_asked = !self.subscription.wants_last_value() || self.readers.asks_for_last_value();
         let transient_local = transient_local && (!is_settled || is_asked);
-        let anew = self.anew && !transient_local || self.memory.writers.may_have_missed();
+        let anew = self.anew && !transient_local || self.state.writers.may_have_missed();
         let news = PublisherReport { source, publishers, other_type, transient_local, best_effort, anew };
         if !anew && self.said.as_ref() == Some(&news)
             || self.said.is_none() && !found && now < self.searching_until
@@ -455,17 +455,17 @@ impl Topic {
             return Ok(());
         }
         self.anew &= !is_settled && transient_local;
-        self.memory.writers.reported();
+        self.state.writers.reported();
         self.said = Some(PublisherReport { anew: false, ..news.clone() });
-        self.outbox.send(Stamped::new(Input::Topic(news), now), 0).await?;
+        self.queue.send(Stamped::new(Input::Topic(news), now), 0).await?;
         // Messages that the publishers still keep are not missed.
         if anew && transient_local { self.tell_last_values().await } else { Ok(()) }
     }
 
     /// Hands over what the publishers keep for readers that come later.
     async fn tell_last_values(&mut self) -> Result<(), End> {
-        let (writers, dds_type) = (&self.memory.writers, &self.subscription.dds_type);
-        for last in self.memory.last_values.of(|writer| writers.keeps_last_value(writer, dds_type)) {
+        let (writers, dds_type) = (&self.state.writers, &self.subscription.dds_type);
+        for last in self.state.last_values.of(|writer| writers.keeps_last_value(writer, dds_type)) {
             let now = self.around.clock.now();
             self.hand_over(&last.message, (PublicationTime::Kept, now.since(last.at)), now).await?;
         }
@@ -478,29 +478,29 @@ impl Topic {
         let dds_type = &self.subscription.dds_type;
         let now = (self.around.clock.now(), self.around.clock.wall());
         self.followed = now.0;
-        for theirs in self.memory.writers.update(offers, dds_type, now) {
+        for theirs in self.state.writers.update(offers, dds_type, now) {
             let text = || wrong_type(&theirs, &self.subscription);
-            self.memory.troubles.add(TroubleKind::WrongType, 1, text);
+            self.state.troubles.add(TroubleKind::WrongType, 1, text);
         }
         let wants_last_value = self.subscription.wants_last_value();
         // While there is no publisher, the readers do not change.
-        let fitting = self.memory.writers.fitting(wants_last_value, dds_type, now.0);
+        let fitting = self.state.writers.fitting(wants_last_value, dds_type, now.0);
         let Some(fitting) = fitting.or_else(|| self.readers.fitting()) else { return };
-        let is_catching_up = self.memory.writers.is_catching_up(dds_type);
+        let is_catching_up = self.state.writers.is_catching_up(dds_type);
         let was_reliable = self.readers.any_reliable();
         if self.readers.follow(fitting, is_catching_up, now.0) {
             match self.readers.any_reliable() {
-                false => self.memory.writers.heard_by_best_effort_alone(),
+                false => self.state.writers.heard_by_best_effort_alone(),
                 true if !was_reliable && self.said.as_ref().is_some_and(|said| said.best_effort) => {
-                    self.memory.writers.may_miss_any();
+                    self.state.writers.may_miss_any();
                 }
                 true => {}
             }
             if self.subscription.watched().is_some() {
-                self.forgotten = self.memory.last_values.clone();
+                self.forgotten = self.state.last_values.clone();
             }
         }
-        if wants_last_value && self.memory.writers.leaves_last_value(fitting, dds_type, now.0) {
+        if wants_last_value && self.state.writers.leaves_last_value(fitting, dds_type, now.0) {
             self.tell_of_mix();
         }
     }

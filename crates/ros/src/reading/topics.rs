@@ -9,9 +9,9 @@ use tokio::sync::watch;
 use tokio::task::{JoinError, JoinSet};
 
 use super::learning::Learning;
-use super::topic::{Memory, Orders, Topic, TopicContext, Trial};
+use super::topic::{Orders, Topic, TopicContext, TopicState, Trial};
 use crate::discovery::graph::OwnParticipants;
-use crate::outbox::End;
+use crate::engine_queue::End;
 use crate::transport::Found;
 use crate::transport::ids::{self, PREFIX, Prefix};
 use crate::transport::places;
@@ -36,12 +36,12 @@ const ADDED_MAX: usize = 64;
 pub type Key = (String, String);
 
 /// The result of a task that reads a topic.
-pub type Ended = Result<(Key, Memory, End), JoinError>;
+pub type Ended = Result<(Key, TopicState, End), JoinError>;
 
 /// State that a participant leaves to the next one.
 #[derive(Default)]
 pub struct Carryover {
-    memories: BTreeMap<Key, Memory>,
+    states: BTreeMap<Key, TopicState>,
 }
 
 impl Carryover {
@@ -57,13 +57,13 @@ impl Carryover {
             room -= usize::from(is_recorded);
             is_recorded
         };
-        self.memories.retain(|known, _| is_wanted(known) || is_recorded(known));
+        self.states.retain(|known, _| is_wanted(known) || is_recorded(known));
     }
 }
 
 /// The tasks that read, and the channels for their orders.
 pub struct Topics {
-    pub tasks: JoinSet<(Key, Memory, End)>,
+    pub tasks: JoinSet<(Key, TopicState, End)>,
     running: BTreeMap<Key, Running>,
     /// Those that were told to end, and whether they are only recorded.
     ending: BTreeMap<Key, bool>,
@@ -82,7 +82,7 @@ struct Running {
 }
 
 impl Topics {
-    pub fn start(around: TopicContext, plan: &Plan, legacy: &mut Carryover) -> Topics {
+    pub fn start(around: TopicContext, plan: &Plan, carried: &mut Carryover) -> Topics {
         let learning = Learning::new(around.inputs.clone(), around.clock);
         let mut topics = Topics {
             tasks: JoinSet::new(),
@@ -93,7 +93,7 @@ impl Topics {
             tried: BTreeMap::new(),
         };
         for subscription in &topics.typed(plan) {
-            topics.add(subscription, Arc::default(), legacy);
+            topics.add(subscription, Arc::default(), carried);
         }
         topics
     }
@@ -121,22 +121,22 @@ impl Topics {
 
     /// Reads the topics whose type publishers have announced now, and decides for the type that has
     /// messages.
-    pub fn learn(&mut self, legacy: &mut Carryover) {
+    pub fn learn(&mut self, carried: &mut Carryover) {
         let running = &self.running;
-        let before = |key: &Key| legacy.memories.get(key).and_then(Memory::heard);
+        let before = |key: &Key| carried.states.get(key).and_then(TopicState::heard);
         let last = |key: &Key| running.get(key).map_or_else(|| before(key), |it| it.trial.last());
         let learned = self.learning.look(&self.around.participant, last);
         for key in &learned.over {
             self.end(key);
         }
         for (subscription, is_quiet) in &learned.new {
-            self.add(subscription, Arc::new(Trial::new(*is_quiet)), legacy);
+            self.add(subscription, Arc::new(Trial::new(*is_quiet)), carried);
         }
     }
 
     /// Reads the topics that are published now and that the plan only records. Telltale's own participants are
     /// left out: a reader of its outputs would count as a listener. Returns whether there are more of them than places.
-    pub fn record(&mut self, plan: &Plan, siblings: &OwnParticipants, legacy: &mut Carryover) -> bool {
+    pub fn record(&mut self, plan: &Plan, siblings: &OwnParticipants, carried: &mut Carryover) -> bool {
         if !plan.records_more() {
             return false;
         }
@@ -157,7 +157,7 @@ impl Topics {
         // Of each participant in turn, and those that never had a place before those that had one long ago.
         found.sort_by_key(|(it, _)| self.tried.get(&key(it)).copied());
         for subscription in places::in_turn(found).into_iter().take(room.min(ADDED_MAX)) {
-            self.add(&Arc::new(subscription), Arc::default(), legacy);
+            self.add(&Arc::new(subscription), Arc::default(), carried);
         }
         are_too_many
     }
@@ -195,21 +195,21 @@ impl Topics {
         new.into_values().collect()
     }
 
-    fn add(&mut self, subscription: &Arc<Subscription>, trial: Arc<Trial>, legacy: &mut Carryover) {
+    fn add(&mut self, subscription: &Arc<Subscription>, trial: Arc<Trial>, carried: &mut Carryover) {
         let key = key(subscription);
         // Its task would be told to end by the one that replaces it.
         if self.running.contains_key(&key) || self.ending.contains_key(&key) {
             return;
         }
-        let memory = legacy.memories.remove(&key).unwrap_or_else(|| Memory::new(subscription));
-        let topic = Topic::new(subscription.clone(), self.around.clone(), memory, trial.clone());
+        let state = carried.states.remove(&key).unwrap_or_else(|| TopicState::new(subscription));
+        let topic = Topic::new(subscription.clone(), self.around.clone(), state, trial.clone());
         let (news, discovered) = watch::channel(0);
         let (change, changed) = watch::channel(subscription.clone());
         let since = self.around.clock.now();
         self.running.insert(key.clone(), Running { news, subscription: change, trial, since });
         self.tasks.spawn(async move {
-            let (memory, end) = topic.run(Orders { discovered, subscription: changed }).await;
-            (key, memory, end)
+            let (state, end) = topic.run(Orders { discovered, subscription: changed }).await;
+            (key, state, end)
         });
     }
 
@@ -225,14 +225,14 @@ impl Topics {
     }
 
     /// Keeps what an ended task leaves. Returns why the participant must end: no task may end that was not told to.
-    pub fn ended(&mut self, ended: Ended, legacy: &mut Carryover) -> Option<End> {
-        let (key, memory, end) = match ended {
+    pub fn ended(&mut self, ended: Ended, carried: &mut Carryover) -> Option<End> {
+        let (key, state, end) = match ended {
             Ok(left) => left,
             Err(panic) => return Some(End::Lost(format!("the task of a topic failed: {panic}"))),
         };
         let told = self.ending.remove(&key);
-        if is_remembered(told, memory.heard().is_some(), legacy.memories.len()) {
-            legacy.memories.insert(key.clone(), memory);
+        if is_remembered(told, state.heard().is_some(), carried.states.len()) {
+            carried.states.insert(key.clone(), state);
         }
         match end {
             End::Stopped if told.is_some() => None,
@@ -244,9 +244,9 @@ impl Topics {
     }
 
     /// Waits for the end of all tasks, which are told to end.
-    pub async fn close(mut self, legacy: &mut Carryover) {
+    pub async fn close(mut self, carried: &mut Carryover) {
         while let Some(ended) = self.tasks.join_next().await {
-            self.ended(ended, legacy);
+            self.ended(ended, carried);
         }
     }
 
@@ -254,7 +254,7 @@ impl Topics {
     ///
     /// # Errors
     /// That needs a new participant.
-    pub async fn follow(&mut self, plan: &Plan, legacy: &mut Carryover) -> Result<(), End> {
+    pub async fn follow(&mut self, plan: &Plan, carried: &mut Carryover) -> Result<(), End> {
         let mut subscriptions = self.typed(plan);
         let recorded =
             self.running.keys().filter_map(|(topic, type_name)| only_recorded(plan, topic, type_name));
@@ -267,7 +267,7 @@ impl Topics {
         while !self.ending.is_empty()
             && let Some(ended) = self.tasks.join_next().await
         {
-            if let Some(end) = self.ended(ended, legacy) {
+            if let Some(end) = self.ended(ended, carried) {
                 return Err(end);
             }
         }
@@ -277,7 +277,7 @@ impl Topics {
             } else if gone.iter().any(|(topic, _)| *topic == subscription.dds_topic) {
                 return Err(End::Rebuild(format!("{} has another type now", subscription.topic)));
             } else {
-                self.add(subscription, Arc::default(), legacy);
+                self.add(subscription, Arc::default(), carried);
             }
         }
         Ok(())
@@ -307,7 +307,7 @@ fn key(subscription: &Subscription) -> Key {
     (subscription.dds_topic.clone(), subscription.dds_type.clone())
 }
 
-/// Whether the memory of an ended task is kept beside so many others. `told` as in [`Topics::ending`]. A type that was
+/// Whether the state of an ended task is kept beside so many others. `told` as in [`Topics::ending`]. A type that was
 /// sent is not taken for a new one when its last message comes again. Anybody can send types and topics without end.
 fn is_remembered(told: Option<bool>, has_data: bool, others: usize) -> bool {
     told.is_none_or(|is_recorded| !is_recorded && has_data && others < MEMORIES_MAX)

@@ -15,8 +15,8 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinHandle;
 
+use super::engine_queue::stopped;
 use super::options::interfaces::{self, AddressWatch};
-use super::outbox::stopped;
 use super::{BridgeOptions, Graph};
 use crate::every;
 use server::Server;

@@ -1,11 +1,11 @@
 //! The file `audit.head` beside the database, which holds the end of the audit log.
 
 use crate::database::files::HEAD_FILE_NAME;
-use telltale_yaml::private_file::give_to_owner_of;
 use std::fs::{self, OpenOptions};
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
+use telltale_yaml::private_file::give_to_owner_of;
 
 use rustix::fs::OFlags;
 use telltale_yaml::input_file;

@@ -12,8 +12,8 @@ use sha2::{Digest as _, Sha256};
 use telltale_yaml::input_file;
 
 use super::head::{FILE_BYTES_MAX, whose};
-use telltale_yaml::private_file::{give_to_owner_of, make_private_file};
 use crate::{FILE_NAME, StoreError};
+use telltale_yaml::private_file::{give_to_owner_of, make_private_file};
 
 /// The file of the key, in the data folder.
 pub const KEY_FILE_NAME: &str = "audit.key";

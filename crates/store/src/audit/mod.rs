@@ -166,7 +166,7 @@ impl Store {
         let before = before.and_then(|before| i64::try_from(before).ok()).unwrap_or(i64::MAX);
         self.call(move |database| {
             // A record that the disk does not take is not in the log.
-            let _ = database.write_outbox();
+            let _ = database.write_waiting();
             let sql = "SELECT number, at_ms, who, role, source, action, target, outcome, hash
                        FROM audit WHERE number < ?1 ORDER BY number DESC LIMIT ?2";
             let mut query = database.connection.prepare_cached(sql)?;
@@ -259,7 +259,7 @@ impl Database {
         records: &[Record],
         change: impl FnOnce(&Transaction<'_>) -> Result<T, StoreError>,
     ) -> Result<T, StoreError> {
-        let waiting = self.outbox.batch(self.clock.now());
+        let waiting = self.unwritten.batch(self.clock.now());
         let records = || waiting.records.iter().chain(records);
         if self.health.check_keeps().is_err() {
             for Record { who, source, action, target, refusal, .. } in records() {
@@ -286,7 +286,7 @@ impl Database {
             return Err(fault);
         }
         transaction.commit()?;
-        self.outbox.written(&waiting);
+        self.unwritten.written(&waiting);
         // A log that was emptied under the server shows once it is written.
         self.check_files()?;
         if let Some(head) = head {

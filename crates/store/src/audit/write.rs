@@ -21,7 +21,7 @@ impl Store {
     /// then. `place` is held until the disk has answered.
     ///
     /// # Errors
-    /// Why the action must not be done. The outbox keeps a record of that.
+    /// Why the action must not be done. A record of that is kept.
     pub async fn write_ahead(
         &self,
         record: &Record,
@@ -50,22 +50,22 @@ impl Store {
                 let _place = place;
                 // Whether it was written or not, it was not done.
                 let _ = writing.await;
-                store.outbox.put_refused(not_done, &store.clock);
+                store.unwritten.put_refused(not_done, &store.clock);
             });
             return Err(StoreError::TooLate);
         };
         written.inspect_err(|error| {
             tracing::error!(%error, "an action cannot be written, so it is not done");
-            self.outbox.put_refused(refused(error), &self.clock);
+            self.unwritten.put_refused(refused(error), &self.clock);
         })
     }
 
     /// Records what has happened, with the vehicle's state after it. Returns whether it is on the disk. If
-    /// the disk does not take it within [`RECORDED_WITHIN`], the outbox keeps the record.
+    /// the disk does not take it within [`RECORDED_WITHIN`], the record waits in memory.
     pub async fn record(&self, record: Record, memory: Option<VehicleMemory>) -> bool {
         let caller = record.by_anybody.unwrap_or(Caller::Vehicle);
         let is_refusal = record.refusal.is_some();
-        if !self.outbox.put(record, &self.clock) {
+        if !self.unwritten.put(record, &self.clock) {
             return false;
         }
         let writing = self.call_from(caller, move |database| {
@@ -79,7 +79,7 @@ impl Store {
 
     /// Records what has happened, within a second and without a wait.
     pub fn note(&self, record: Record) {
-        self.outbox.put(record, &self.clock);
+        self.unwritten.put(record, &self.clock);
     }
 }
 
@@ -87,7 +87,7 @@ impl Store {
 impl Store {
     /// [`Store::record`] without its limit of time: a test writes on a disk of any speed.
     pub(crate) async fn record_in_time(&self, record: Record) {
-        assert!(self.outbox.put(record, &self.clock));
-        self.call(|database| database.write_outbox().map(drop)).await.unwrap();
+        assert!(self.unwritten.put(record, &self.clock));
+        self.call(|database| database.write_waiting().map(drop)).await.unwrap();
     }
 }

@@ -13,9 +13,9 @@ use rusqlite::Connection;
 use rusqlite::backup::{Backup, StepResult};
 
 use super::schema::{self, LOCK_WAIT, connect_reading};
-use telltale_yaml::private_file::{make_folder, make_private_file};
 use crate::{Database, FILE_NAME, StoreError};
 use telltale_engine::time::{Span, Timestamp};
+use telltale_yaml::private_file::{make_folder, make_private_file};
 
 /// The folder of the copies, in the data folder.
 pub const BACKUPS: &str = "backups";

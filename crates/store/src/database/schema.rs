@@ -1,8 +1,8 @@
 //! The database file: its settings, and its schema with all migrations.
 
-use telltale_yaml::private_file::{make_folder, make_private_file};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use telltale_yaml::private_file::{make_folder, make_private_file};
 
 use rusqlite::{Connection, OpenFlags, TransactionBehavior, ffi};
 

@@ -37,10 +37,10 @@ pub use trends::{Minute, MinuteSums, Resolution, Trend, TrendPoint, TrendQuery, 
 use super::StoreError;
 use super::database::files::{odd_beside, put_aside, put_odd_aside};
 use super::database::foreign;
-use telltale_yaml::private_file::make_private_file;
 use telltale_clock::Clock;
 use telltale_engine::time::Timestamp;
 use telltale_engine::view::record::Record;
+use telltale_yaml::private_file::make_private_file;
 use trends::TrendWriter;
 
 /// The file of the history. It may grow large, and may be removed.

@@ -1,7 +1,6 @@
 //! Reads the address of a developer page: its filter, its order, its open parts. The address is the whole
 //! state of a page, so that it can be kept, sent and reloaded.
 
-
 use crate::texts::{clean, encode};
 
 /// Fields that are read; more are ignored.

@@ -168,7 +168,7 @@ struct LiveConnection {
     place: Place,
     /// The state that was sent last.
     seq: Version,
-    /// The largest number of a state that was sent: after a step back in time it is an earlier epoch's.
+    /// The largest number of a state that was sent: after a rewind it is from before it.
     seq_max: u64,
     /// The number of the beat that was sent last.
     beat: u64,
@@ -331,12 +331,14 @@ impl LiveConnection {
         self.place.sent(seq, self.app.clock.now());
     }
 
-    /// The state that a page says it shows. A number that was not sent since the last step back in time is
-    /// of an earlier epoch.
+    /// The state that a page says it shows. A number that was not sent since the last rewind is
+    /// from before it.
     fn sent(&self, number: u64) -> Result<Version, Ending> {
         match number {
             _ if number <= self.seq.number => Ok(Version { number, ..self.seq }),
-            _ if number <= self.seq_max => Ok(Version { number, epoch: self.seq.epoch.saturating_sub(1) }),
+            _ if number <= self.seq_max => {
+                Ok(Version { number, rewinds: self.seq.rewinds.saturating_sub(1) })
+            }
             _ => Err(Ending::Nonsense),
         }
     }

@@ -84,7 +84,9 @@ pub mod operator;
 mod refusals;
 mod states;
 
-pub use clean::{ID, MESSAGE, NAME, VALUE, address, clean, clean_configured, clean_lines, encode, plain_json};
+pub use clean::{
+    ID, MESSAGE, NAME, VALUE, address, clean, clean_configured, clean_lines, encode, plain_json,
+};
 pub use developer::DevWords;
 pub use errors::HttpError;
 pub use incidents::IncidentWords;

@@ -34,7 +34,7 @@ pub struct Trends(Mutex<Sampled>);
 
 #[derive(Debug, Default)]
 struct Sampled {
-    epoch: u64,
+    rewinds: u64,
     /// When each sample was taken, oldest first; the newest sample of every value is of the last of them.
     times: VecDeque<Timestamp>,
     layout: Option<Arc<Layout>>,
@@ -64,8 +64,8 @@ impl Trends {
     pub fn sample(&self, published: &Published) {
         let snapshot = &published.snapshot;
         let mut inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if inner.epoch != published.epoch {
-            *inner = Sampled { epoch: published.epoch, ..Sampled::default() };
+        if inner.rewinds != published.rewinds {
+            *inner = Sampled { rewinds: published.rewinds, ..Sampled::default() };
         }
         if inner.times.back().is_some_and(|&last| snapshot.now.since(last) < SAMPLE_EVERY) {
             return;

@@ -69,7 +69,7 @@ impl Versions {
     pub fn observe(&self, published: &Published) -> Seen {
         let (seq, snapshot) = (published.seq(), &published.snapshot);
         let mut latest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if seq.epoch > latest.seq.epoch {
+        if seq.rewinds > latest.seq.rewinds {
             *latest = Latest::default();
         }
         if seq > latest.seq || latest.digests.is_empty() {
@@ -82,8 +82,8 @@ impl Versions {
             let since = Arc::new(since.collect());
             *latest = Latest { seq, since, digests };
         }
-        // An older snapshot has no version that is newer than itself, or of a later epoch.
-        let since = if seq.epoch == latest.seq.epoch { latest.since.clone() } else { Arc::default() };
+        // An older snapshot has no version that is newer than itself, or after a later rewind.
+        let since = if seq.rewinds == latest.seq.rewinds { latest.since.clone() } else { Arc::default() };
         Seen { seq: snapshot.seq, since }
     }
 }

@@ -12,6 +12,7 @@ use crate::cli::print::{self, note};
 use crate::cli::process::hub_flags::HubFlags;
 use crate::cli::process::new_file::create;
 use crate::clock::unix_ms;
+use crate::config::describe::words::counted;
 use crate::console::history::{self, Known, Part, Told};
 use crate::console::state::time;
 use crate::fleet::line::NoLine;
@@ -19,7 +20,6 @@ use crate::fleet::message::{Batch, VehicleId};
 use crate::fleet::reading::{From, Logs};
 use crate::web::texts::Lang;
 use crate::web::texts::console::ConsoleWords;
-use crate::config::describe::words::counted;
 use crate::yaml::plain;
 
 /// Write what a vehicle told the hub, as lines of JSON; exit code 1 if there is more than is read at once

@@ -99,9 +99,7 @@ impl Lines {
 /// The time so long after the server's last one. The clock of this computer may be another.
 fn later(at: &str, since: Span) -> String {
     match humantime::parse_rfc3339(at) {
-        Ok(time) => {
-            humantime::format_rfc3339_millis(time + Duration::from(since)).to_string()
-        }
+        Ok(time) => humantime::format_rfc3339_millis(time + Duration::from(since)).to_string(),
         Err(_) => at.to_owned(),
     }
 }

@@ -17,7 +17,7 @@ use telltale_engine::model::Stage;
 use telltale_engine::state::State;
 use telltale_engine::time::{Since, Span};
 use telltale_fleet::message::{
-    Batch, Cause, Content, Epoch, Head, Incident, Keyframe, Message, Node, VehicleId,
+    Batch, Cause, Content, Epoch, Head, Incident, Message, Node, NodeStates, VehicleId,
 };
 use telltale_fleet::reading::Stream;
 use telltale_store::{DemoSecrets, Role, Store};
@@ -74,7 +74,7 @@ async fn console_in(data: &Path) -> (Router, Shared, Store) {
         node("sensors/lidar", State::Error, None),
         node("planning/route", State::Ignore, Some("sensors/lidar")),
     ];
-    let keyframe = Content::Keyframe(Keyframe { stage: Stage::Standby, nodes });
+    let keyframe = Content::Keyframe(NodeStates { stage: Stage::Standby, nodes });
     for (stream, content) in [(Stream::Head, Content::Head(head)), (Stream::Log, keyframe)] {
         let id = VehicleId::new("a").unwrap();
         let epoch = Epoch { start: 1, nonce: 0 };

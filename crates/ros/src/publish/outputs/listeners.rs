@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use super::{OutputContext, offer};
 use crate::Publisher;
+use crate::engine_queue::stopped;
 use crate::every;
-use crate::outbox::stopped;
 use telltale_engine::input::{Input, ListenerReport};
 use telltale_engine::model::output::{Output, Publication};
 use telltale_engine::time::{Span, Timestamp};

@@ -22,9 +22,9 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::Instant;
 
+use crate::engine_queue::stopped;
 use crate::every;
 use crate::options::interfaces::{self, AddressWatch};
-use crate::outbox::stopped;
 use crate::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality};
 pub use levels::{Levels, VehicleMessage};
 use send_failures::{tell, tell_all};

@@ -7,7 +7,7 @@ use tokio::sync::{mpsc, watch};
 
 use super::{OutputTopic, offer};
 use crate::Publisher;
-use crate::outbox::stopped;
+use crate::engine_queue::stopped;
 use telltale_clock::Clock;
 use telltale_engine::discovery::{Discovery, Endpoint};
 use telltale_engine::input::Input;

@@ -7,7 +7,7 @@ use tokio::sync::broadcast::error::RecvError;
 
 use super::{OutputContext, OutputTopic, aggregate, log};
 use crate::Publisher;
-use crate::outbox::stopped;
+use crate::engine_queue::stopped;
 use crate::publish::log_lines::{self, LogLine, TEXT_BYTES_MAX};
 use telltale_clock::rate::{Bucket, Rate};
 use telltale_engine::model::output::LogLevel;

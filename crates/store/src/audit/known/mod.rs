@@ -300,7 +300,7 @@ impl Database {
             );
             let record = Record::of(Action::UsersForeign, TELLTALE).on(names);
             if !self.is_recorded(&record)? {
-                self.outbox.put(record, &self.clock);
+                self.unwritten.put(record, &self.clock);
             }
         }
         self.knowledge.foreign = foreign;

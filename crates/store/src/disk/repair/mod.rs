@@ -1,11 +1,11 @@
 //! The work of `telltale data`: checks a data folder, repairs its database, restores a backup. No server
 //! may run on the folder meanwhile, except during a check.
 
-use telltale_yaml::private_file::make_private_file;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
+use telltale_yaml::private_file::make_private_file;
 
 use rusqlite::Connection;
 

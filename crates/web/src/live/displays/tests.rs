@@ -30,10 +30,10 @@ async fn a_display_lives_by_what_it_confirms() {
     place.confirm(seq(9_000), Timestamp::ZERO);
     assert!(displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(10_900)));
     // A step back in time: what was confirmed before it says nothing about what was sent after it.
-    place.sent(Version { epoch: 1, number: 5 }, at(11_000));
+    place.sent(Version { rewinds: 1, number: 5 }, at(11_000));
     place.confirm(seq(9_000), Timestamp::ZERO);
     assert!(!displays.is_live_for(&session, at(11_500)));
-    place.confirm(Version { epoch: 1, number: 5 }, Timestamp::ZERO);
+    place.confirm(Version { rewinds: 1, number: 5 }, Timestamp::ZERO);
     assert!(displays.is_live_for(&session, at(11_500)));
     drop(place);
     assert!(!displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(20_000)));

@@ -190,8 +190,8 @@ mod tests {
             assert_eq!(message.as_ref().map(Utf8Bytes::as_str), expected.as_deref(), "{since}");
         }
         assert_eq!(third.full().as_str(), "{\"seq\":45,\"content\":\"<a2><b2>\"}");
-        // A step back in time: the same revision of another epoch is another frame.
-        let back = Version { epoch: 1, number: 2 };
+        // The same revision after a rewind is another frame.
+        let back = Version { rewinds: 1, number: 2 };
         let again = frame(back, &[("a", "<a2>"), ("b", "<b1>")], Some(&third));
         let sent = |shown: Version| again.since(shown).map(|it| it.as_str().to_owned());
         assert_eq!(sent(5.into()).as_deref(), Some("{\"seq\":42,\"content\":\"<b1>\"}"));

@@ -94,7 +94,7 @@ impl Frames {
 /// Whether neither the words nor the ages in `of` are of an earlier instant.
 fn is_as_late(of: &Published, published: &Published) -> bool {
     of.revision() >= published.revision()
-        && (of.epoch, of.snapshot.now) >= (published.epoch, published.snapshot.now)
+        && (of.rewinds, of.snapshot.now) >= (published.rewinds, published.snapshot.now)
 }
 
 /// The JSON Schema of [`Frames::json`].

@@ -368,7 +368,7 @@ fn is_comparable(before: &Published, now: &Published) -> bool {
     let offset = |it: &Published| WallMs::of(it).offset_ns;
     let (Some(before_ns), Some(now_ns)) = (offset(before), offset(now)) else { return false };
     let step = Duration::from_nanos(before_ns.abs_diff(now_ns));
-    before.epoch == now.epoch
+    before.rewinds == now.rewinds
         && Arc::ptr_eq(&before.snapshot.layout, &now.snapshot.layout)
         && tops(&before.snapshot).eq(tops(&now.snapshot))
         && step < CLOCK_STEP_MAX

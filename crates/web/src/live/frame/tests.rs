@@ -60,8 +60,8 @@ fn value(text: &str) -> Value {
 fn a_snapshot_in_parts_reads_as_one_that_is_written_at_once() {
     let frames = Frames::default();
     let drive = drive();
-    // Forwards, and then back in an epoch for each step.
-    let back = drive.iter().rev().zip(1..).map(|(it, epoch)| Published { epoch, ..it.clone() });
+    // Forwards, and then back, a rewind for each step.
+    let back = drive.iter().rev().zip(1..).map(|(it, rewinds)| Published { rewinds, ..it.clone() });
     for (place, published) in drive.iter().cloned().chain(back).enumerate() {
         let anew = Frames::default().json(&published);
         assert_eq!(frames.json(&published).as_str(), anew.as_str(), "{place}");

@@ -31,8 +31,8 @@ use crate::record::room::Room;
 use crate::record::writer::{self, Fault, NEWS_MAX, Place, VEHICLE};
 use crate::runtime::Link;
 use crate::store::{Store, TemporaryFolder};
-use crate::yaml::private_file::make_folder;
 use crate::web::{Marker, RecordingState};
+use crate::yaml::private_file::make_folder;
 
 /// A recording begins at most this much before its pre-roll.
 const MEMORY_MAX: Span = Span::from_secs(120);

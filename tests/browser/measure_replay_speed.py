@@ -1,7 +1,7 @@
 """Measures a replay of an hour of `/diagnostics` (10 arrays a second of 40 statuses, made here): how long `telltale replay` takes,
 and how long from a request for a moment to the snapshot of that moment. Not a test: TELLTALE names the program to measure.
 
-    TELLTALE=target/release/telltale python measure_replay.py [--seeks 100]
+    TELLTALE=target/release/telltale python measure_replay_speed.py [--seeks 100]
 """
 
 import argparse

@@ -24,7 +24,7 @@ const AGAIN_AFTER: Span = Span::from_millis(500);
 
 /// The records of a store that are not on the disk. The store's thread writes them.
 #[derive(Debug, Default)]
-pub(super) struct Outbox(Mutex<Queue>);
+pub(super) struct Unwritten(Mutex<Queue>);
 
 #[derive(Debug, Default)]
 struct Queue {
@@ -45,7 +45,7 @@ struct Waiting {
     was_refused: bool,
 }
 
-/// The part of an outbox that is written now.
+/// The records that are written now.
 #[derive(Debug, Default)]
 pub(super) struct Batch {
     pub records: Vec<Record>,
@@ -53,7 +53,7 @@ pub(super) struct Batch {
     left_out: u64,
 }
 
-impl Outbox {
+impl Unwritten {
     /// Takes a record of something that has just happened. Returns whether it will be written: a record that
     /// anybody can cause may be one too many of its kind.
     pub(super) fn put(&self, record: Record, clock: &Clock) -> bool {
@@ -146,9 +146,9 @@ impl Waiting {
 impl Database {
     /// Writes the records that wait, and removes the sessions that ended before the disk knew. Returns
     /// whether there was anything to write.
-    pub(super) fn write_outbox(&mut self) -> Result<bool, StoreError> {
+    pub(super) fn write_waiting(&mut self) -> Result<bool, StoreError> {
         let ended = self.sessions.unwritten();
-        if self.outbox.is_empty() && ended.is_empty() {
+        if self.unwritten.is_empty() && ended.is_empty() {
             return Ok(false);
         }
         let written = self.write(&[], |transaction| {
@@ -160,7 +160,7 @@ impl Database {
         });
         match &written {
             Ok(()) => self.sessions.written(ended.len()),
-            Err(error) if self.outbox.refused(self.clock.now()) => {
+            Err(error) if self.unwritten.refused(self.clock.now()) => {
                 tracing::error!(%error, "the audit log lacks records; they are written as soon as possible");
             }
             Err(_) => {}
@@ -169,9 +169,9 @@ impl Database {
     }
 
     /// Writes the records that wait, where no job does. After a failure it waits before it tries again.
-    pub(super) fn write_outbox_if_due(&mut self) {
-        if self.outbox.is_due(&self.clock)
-            && let Err(error) = self.write_outbox()
+    pub(super) fn write_waiting_if_due(&mut self) {
+        if self.unwritten.is_due(&self.clock)
+            && let Err(error) = self.write_waiting()
         {
             self.health.judge(&error);
         }
@@ -189,53 +189,53 @@ mod tests {
 
     #[test]
     fn what_waits_has_a_bound_and_the_rest_is_counted() {
-        let (clock, outbox) = (Clock::start(), Outbox::default());
-        let put = |count: usize| (0..count).for_each(|number| assert!(outbox.put(record(number), &clock)));
+        let (clock, unwritten) = (Clock::start(), Unwritten::default());
+        let put = |count: usize| (0..count).for_each(|number| assert!(unwritten.put(record(number), &clock)));
         put(RECORDS_MAX + 11);
-        let batch = outbox.batch(clock.now());
+        let batch = unwritten.batch(clock.now());
         assert_eq!((batch.records.len(), &*batch.records[0].target), (RECORDS_MAX + 1, "0"));
         let last = batch.records.last().map(|it| (it.action, &*it.target));
         assert_eq!(last, Some((Action::Omitted, "11 records that could not be written")));
         // Others come while these are written.
         put(3);
-        outbox.written(&batch);
-        let batch = outbox.batch(clock.now());
+        unwritten.written(&batch);
+        let batch = unwritten.batch(clock.now());
         assert_eq!(
             batch.records,
             [Record::of(Action::Omitted, TELLTALE).on("3 records that could not be written")]
         );
-        outbox.written(&batch);
-        assert!(outbox.is_empty());
+        unwritten.written(&batch);
+        assert!(unwritten.is_empty());
     }
 
     #[test]
     fn callers_from_elsewhere_leave_room_for_the_vehicle() {
         let (clock, hand) = Clock::with_hand();
-        let outbox = Outbox::default();
+        let unwritten = Unwritten::default();
         for _ in 0..2 * FROM_ELSEWHERE_MAX {
-            outbox.put(record(0).by_anybody(Caller::Elsewhere), &clock);
+            unwritten.put(record(0).by_anybody(Caller::Elsewhere), &clock);
             hand.advance(Span::from_secs(10));
         }
-        outbox.put(record(1), &clock);
-        let records = outbox.batch(clock.now()).records;
+        unwritten.put(record(1), &clock);
+        let records = unwritten.batch(clock.now()).records;
         assert_eq!(records.len(), FROM_ELSEWHERE_MAX + 2);
     }
 
     #[test]
     fn a_late_record_begins_with_the_time_of_its_event() {
         let (clock, hand) = Clock::with_hand();
-        let outbox = Outbox::default();
-        outbox.put_refused(Record::of(Action::Stop, "127.0.0.1"), &clock);
-        outbox.put(record(0), &clock);
-        let targets = |outbox: &Outbox| {
-            let records = outbox.batch(clock.now()).records;
+        let unwritten = Unwritten::default();
+        unwritten.put_refused(Record::of(Action::Stop, "127.0.0.1"), &clock);
+        unwritten.put(record(0), &clock);
+        let targets = |unwritten: &Unwritten| {
+            let records = unwritten.batch(clock.now()).records;
             [0, 1].map(|at: usize| records[at].target.clone())
         };
-        let [stop, other] = targets(&outbox);
+        let [stop, other] = targets(&unwritten);
         assert!(stop.starts_with("at 20") && !stop.contains(": "), "{stop}");
         assert_eq!(other, "0");
         hand.advance(ON_TIME);
-        let [_, other] = targets(&outbox);
+        let [_, other] = targets(&unwritten);
         assert!(other.starts_with("at 20") && other.ends_with("Z: 0"), "{other}");
     }
 

@@ -2,7 +2,7 @@
 message of `/api/v1/stream` that shows its state, with no replay, with one and with three that play at the highest speed again and
 again, and with a what-if beside them. Not a test: run it on a quiet machine, with TELLTALE naming the program to measure.
 
-    TELLTALE=target/release/telltale python measure_replays.py [--changes 400]
+    TELLTALE=target/release/telltale python measure_live_beside_replays.py [--changes 400]
 """
 
 import argparse

@@ -24,7 +24,7 @@ pub enum End {
     Lost(String),
 }
 
-pub struct Outbox {
+pub struct EngineQueue {
     inputs: mpsc::Sender<Stamped>,
     stop: watch::Receiver<bool>,
     /// Sizes of the last inputs that were sent, at most as many as the queue holds.
@@ -32,9 +32,9 @@ pub struct Outbox {
     bytes: usize,
 }
 
-impl Outbox {
-    pub fn new(inputs: mpsc::Sender<Stamped>, stop: watch::Receiver<bool>) -> Outbox {
-        Outbox { inputs, stop, sizes: VecDeque::new(), bytes: 0 }
+impl EngineQueue {
+    pub fn new(inputs: mpsc::Sender<Stamped>, stop: watch::Receiver<bool>) -> EngineQueue {
+        EngineQueue { inputs, stop, sizes: VecDeque::new(), bytes: 0 }
     }
 
     /// Waits while the queue is full. Meanwhile the library keeps the newest samples of the topic and drops
@@ -43,7 +43,7 @@ impl Outbox {
     /// # Errors
     /// The task was stopped while it waited.
     pub async fn send(&mut self, stamped: Stamped, bytes: usize) -> Result<(), End> {
-        let Outbox { inputs, stop, sizes, bytes: waiting } = self;
+        let EngineQueue { inputs, stop, sizes, bytes: waiting } = self;
         let sent = async {
             loop {
                 // At most so many of the sent inputs still wait: others share the queue.
@@ -92,37 +92,37 @@ mod tests {
         Stamped::new(Input::Tick, Timestamp::ZERO)
     }
 
-    fn outbox(queue: usize) -> (Outbox, mpsc::Receiver<Stamped>, watch::Sender<bool>) {
+    fn queue(queue: usize) -> (EngineQueue, mpsc::Receiver<Stamped>, watch::Sender<bool>) {
         let (inputs, received) = mpsc::channel(queue);
         let (stop, stopped) = watch::channel(false);
-        (Outbox::new(inputs, stopped), received, stop)
+        (EngineQueue::new(inputs, stopped), received, stop)
     }
 
     #[tokio::test(start_paused = true)]
     async fn bytes_hold_back_before_the_queue_is_full() {
-        let (mut outbox, mut received, _stop) = outbox(1000);
+        let (mut queue, mut received, _stop) = queue(1000);
         let large = WAITING_BYTES_MAX / 2;
         for _ in 0..3 {
-            outbox.send(tick(), large).await.unwrap();
+            queue.send(tick(), large).await.unwrap();
         }
-        let held = tokio::time::timeout(Duration::from_secs(5), outbox.send(tick(), 1));
+        let held = tokio::time::timeout(Duration::from_secs(5), queue.send(tick(), 1));
         assert!(held.await.is_err());
         received.recv().await.unwrap();
-        outbox.send(tick(), 1).await.unwrap();
+        queue.send(tick(), 1).await.unwrap();
     }
 
     #[tokio::test(start_paused = true)]
     async fn an_end_is_noticed_while_it_waits() {
-        let (mut outbox, received, stop) = outbox(1);
-        outbox.send(tick(), 1).await.unwrap();
-        let (end, _) = tokio::join!(outbox.send(tick(), 1), async {
+        let (mut queue, received, stop) = queue(1);
+        queue.send(tick(), 1).await.unwrap();
+        let (end, _) = tokio::join!(queue.send(tick(), 1), async {
             tokio::time::sleep(Duration::from_secs(1)).await;
             stop.send(true)
         });
         assert_eq!(end, Err(End::Stopped));
         drop(received);
-        let (mut outbox, received, _stop) = super::tests::outbox(1);
+        let (mut queue, received, _stop) = super::tests::queue(1);
         drop(received);
-        assert_eq!(outbox.send(tick(), 1).await, Err(End::NobodyListens));
+        assert_eq!(queue.send(tick(), 1).await, Err(End::NobodyListens));
     }
 }
