@@ -123,8 +123,7 @@ pub(super) fn reported(
     (nodes, signals): (&[String], &[String]),
     go_on: &dyn Fn() -> bool,
 ) -> rusqlite::Result<Option<Reported>> {
-    const COLUMNS: &str = "SELECT id, at_ms, state, own, other IS NOT NULL FROM records
-        WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)";
+    const COLUMNS: &str = "SELECT id, at_ms, state, own, other IS NOT NULL FROM records";
     // An empty history has nothing.
     let to_ms = alive_ms(connection)?.unwrap_or(0);
     let query = HistoryQuery { nodes: Vec::new(), signals: Vec::new(), from_ms: 0, to_ms };
@@ -140,7 +139,8 @@ pub(super) fn reported(
         if !go_on() {
             return Ok(None);
         }
-        let rows = lasting(dated(connection, COLUMNS, &[name], (&query, -1), own)?, &starts, &query);
+        let rows =
+            lasting(dated(connection, (COLUMNS, OF_NODE), &[name], (&query, -1), own)?, &starts, &query);
         let period = |(from_ms, to_ms, value)| Period { from_ms, to_ms, value };
         all.nodes.push(rows.into_iter().map(period).collect());
     }
@@ -244,8 +244,7 @@ fn shown(
     limit: i64,
 ) -> rusqlite::Result<Vec<Dated<Shown>>> {
     const COLUMNS: &str = "SELECT records.id, at_ms, state, own, cause.name, said, silent_ms FROM records
-        LEFT JOIN nodes AS cause ON cause.id = other
-        WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)";
+        LEFT JOIN nodes AS cause ON cause.id = other";
     let shown = |row: &Row<'_>| {
         let (message, silent_ms): (Option<String>, Option<i64>) = (row.get(5)?, row.get(6)?);
         let what = Shown {
@@ -256,7 +255,7 @@ fn shown(
         };
         Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what })
     };
-    dated(connection, COLUMNS, &[&name], (query, limit), shown)
+    dated(connection, (COLUMNS, OF_NODE), &[&name], (query, limit), shown)
 }
 
 /// The stage or a signal when the span began, and its changes in it.
@@ -268,30 +267,51 @@ fn levels(
     limit: i64,
 ) -> rusqlite::Result<Vec<Dated<Option<i64>>>> {
     // A stage has no name, so its row refers to no node.
-    const COLUMNS: &str = "SELECT id, at_ms, state FROM records
-        WHERE kind <> 1 AND kind = ? AND node IS (SELECT id FROM nodes WHERE name = ?)";
+    const OF_LEVEL: &str = "kind <> 1 AND kind = ? AND node IS (SELECT id FROM nodes WHERE name = ?)";
     let level = |row: &Row<'_>| {
         Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what: row.get::<_, Option<i64>>(2)? })
     };
-    dated(connection, COLUMNS, &[&kind, &name], (query, limit), level)
+    dated(
+        connection,
+        ("SELECT id, at_ms, state FROM records", OF_LEVEL),
+        &[&kind, &name],
+        (query, limit),
+        level,
+    )
 }
 
-/// The row that held when the span began, and the rows in it. `columns` ends with a condition on these values.
+/// The rows of a node.
+const OF_NODE: &str = "kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)";
+
+/// The row that held when the span began, and the rows in it, by a condition on these values.
+///
+/// After the wall clock was set back the same times come again, and the last row that was written of a time counts.
 fn dated<T>(
     connection: &Connection,
-    columns: &str,
+    (columns, condition): (&str, &str),
     values: &[&dyn ToSql],
     (query, limit): (&HistoryQuery, i64),
     read: impl Fn(&Row<'_>) -> rusqlite::Result<Dated<T>>,
 ) -> rusqlite::Result<Vec<Dated<T>>> {
-    let before = format!("{columns} AND at_ms <= ? ORDER BY at_ms DESC, records.id DESC LIMIT 1");
+    let before = format!(
+        "{columns} WHERE records.id = (SELECT max(id) FROM records WHERE {condition} AND at_ms <= ?)"
+    );
     let values_before = [values, &[&query.from_ms]].concat();
     let before = connection.prepare_cached(&before)?.query_row(&*values_before, &read).optional()?;
-    let within = format!("{columns} AND at_ms > ? AND at_ms <= ? ORDER BY at_ms, records.id LIMIT ?");
+    let within = format!(
+        "{columns} WHERE {condition} AND at_ms > ? AND at_ms <= ? ORDER BY at_ms, records.id LIMIT ?"
+    );
     let values_within = [values, &[&query.from_ms, &query.to_ms, &limit]].concat();
     let mut within = connection.prepare_cached(&within)?;
     let within = within.query_map(&*values_within, &read)?;
-    before.map(Ok).into_iter().chain(within).collect()
+    let rows: rusqlite::Result<Vec<Dated<T>>> = before.map(Ok).into_iter().chain(within).collect();
+    let mut last_id = 0;
+    let mut is_last = |row: &Dated<T>| {
+        let is_last = row.id > last_id;
+        last_id = last_id.max(row.id);
+        is_last
+    };
+    Ok(rows?.into_iter().filter(|row| is_last(row)).collect())
 }
 
 /// The span in which each row holds: to the next row, to the end of its run, or to the end of the query.

@@ -43,6 +43,8 @@ pub struct Writer {
     lost: u64,
     /// The version of the schema that was found to be Telltale's.
     schema: Option<i64>,
+    /// When this program wrote last.
+    written_ms: i64,
 }
 
 /// One row without its time.
@@ -74,6 +76,7 @@ impl Writer {
             version: Said::of(telltale_record::VERSION, None),
             lost: missing,
             schema: None,
+            written_ms: 0,
         })
     }
 
@@ -108,6 +111,7 @@ impl Writer {
                 }
                 self.rows = rows;
                 self.lost = 0;
+                self.written_ms = unix_ms(now.0);
             }
             Err(_) => {
                 // Ids from a transaction that was rolled back are invalid.
@@ -142,6 +146,9 @@ impl Writer {
                 Row { kind: LOST, number: Some(self.lost as i64), ..Row::default() },
             )?;
             rows += 1;
+        }
+        if now_ms < self.written_ms {
+            rows += hold_from(&transaction, now_ms)?;
         }
         for record in batch {
             let row = self.row(&transaction, &record.what)?;
@@ -233,6 +240,18 @@ fn insert(transaction: &Transaction<'_>, at_ms: i64, row: Row<'_>) -> rusqlite::
         )?
         .execute(params![at_ms, kind, node, state, own, other, number, said, silent_ms])?;
     Ok(())
+}
+
+/// The wall clock was set back to this time: what was recorded of later times holds from here on.
+fn hold_from(transaction: &Transaction<'_>, at_ms: i64) -> rusqlite::Result<usize> {
+    transaction.execute(
+        "INSERT INTO records (at_ms, kind, node, state, own, other, number, said, silent_ms)
+            SELECT ?1, kind, node, state, own, other, number, said, silent_ms FROM records
+            WHERE at_ms > ?1 AND (id IN (SELECT max(id) FROM records WHERE kind = 1 GROUP BY node)
+                OR id IN (SELECT max(id) FROM records WHERE kind <> 1 AND kind IN (?2, ?3) GROUP BY kind, node))
+            ORDER BY id",
+        params![at_ms, STAGE, SIGNAL],
+    )
 }
 
 /// Removes the oldest rows, a twentieth of all or more. Returns the remaining number of rows.

@@ -106,6 +106,27 @@ fn what_a_node_reported_is_known_behind_a_mask_and_while_it_was_relevant() {
 }
 
 #[test]
+fn after_the_clock_was_set_back_the_present_is_shown_and_not_what_was_recorded_of_it_before() {
+    let mut disk = Disk::new(ROWS_MAX);
+    let start = [Recorded::Started { anew: false }, shown("a", State::Ok, None), shown("b", State::Ok, None)];
+    disk.write(0, &start);
+    disk.write(5000, &[shown("a", State::Warning, None), Recorded::Stage(Stage::Standby)]);
+    disk.write(
+        6000,
+        &[shown("a", State::Ok, None), shown("b", State::Error, None), Recorded::Stage(Stage::Active)],
+    );
+    // Set back by four seconds. Nothing changes at first, and `a` fails then.
+    disk.write(2000, &[]);
+    disk.write(4000, &[shown("a", State::Error, None)]);
+    let (ok, error) = (State::Ok, State::Error);
+    assert_eq!(disk.stretches("a", 0, 5500), [(0, 2000, ok), (2000, 4000, ok), (4000, 5500, error)]);
+    assert_eq!(disk.stretches("a", 5200, 7000), [(5200, 7000, error)]);
+    assert_eq!(disk.stretches("b", 1000, 3000), [(1000, 2000, ok), (2000, 3000, error)]);
+    let stage = disk.past(&[], 3000, 7000).stage;
+    assert_eq!(stage.iter().map(|it| it.value).collect::<Vec<_>>(), [Stage::Active]);
+}
+
+#[test]
 fn what_a_node_showed_is_known_for_any_span() {
     let mut disk = Disk::new(ROWS_MAX);
     disk.write(
