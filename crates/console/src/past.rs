@@ -4,6 +4,7 @@ use telltale_engine::model::Stage;
 use telltale_engine::state::State;
 use telltale_engine::time::Span;
 use telltale_fleet::message::{Content, Mark, Message};
+use telltale_fleet::vehicle::KEYFRAME_EVERY;
 
 use crate::history::Known;
 use crate::state::Row;
@@ -37,8 +38,11 @@ impl Past {
             return Past { at_ms, picture: Picture::default(), contact: Contact::Lost };
         };
         let next = messages.peek().map(|message| message.mark());
-        // The vehicle's clock was set back: the moment came twice.
-        let came_twice = messages.any(|message| (made_ms..=at_ms).contains(&message.at));
+        // The vehicle's clock was set back: the moment came twice. A running vehicle tells something at least as often as a
+        // keyframe, so one that ran through the moment again told something shortly before it.
+        let keyframe_ms = i64::try_from(2 * KEYFRAME_EVERY.as_millis()).unwrap_or(i64::MAX);
+        let again_from = made_ms.min(at_ms.saturating_sub(keyframe_ms));
+        let came_twice = messages.any(|message| (again_from..=at_ms).contains(&message.at));
         let follows = next == Some(Mark { n: end.n + 1, ..end });
         let is_last = next.is_none() && last_told.is_some_and(|(last, ms)| last == end && at_ms <= ms);
         let late_ms = i64::try_from(LATE_AFTER.as_millis()).unwrap_or(i64::MAX);
@@ -178,12 +182,18 @@ mod tests {
         ]);
         assert_eq!(at(&all, 105).0, Contact::Live);
         assert_eq!(at(&all, 120).0, Contact::Lost);
+        let all = known(&[
+            (1, 1, 5000, content(Some(State::Ok))),
+            (1, 2, 5900, delta(State::Error)),
+            (1, 3, 4900, delta(State::Ok)),
+        ]);
+        assert_eq!(at(&all, 5020).0, Contact::Lost, "it was set back to before the picture");
         // One that began with an old clock does not count.
         let all = known(&[
-            (1, 1, 100, content(Some(State::Ok))),
-            (1, 2, 900, delta(State::Error)),
+            (1, 1, 5000, content(Some(State::Ok))),
+            (1, 2, 5900, delta(State::Error)),
             (2, 1, 1, content(Some(State::Ok))),
         ]);
-        assert_eq!(at(&all, 120).0, Contact::Live);
+        assert_eq!(at(&all, 5020).0, Contact::Live);
     }
 }

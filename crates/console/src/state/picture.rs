@@ -1,6 +1,7 @@
 //! What all nodes of a vehicle show, put together from keyframes and changes, and its open alarms.
 
 use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
 use serde::Serialize;
 use telltale_engine::model::Stage;
@@ -122,7 +123,7 @@ impl Picture {
     fn show(&mut self, changed: &NodeStates) {
         self.stage = Some(changed.stage);
         for node in &changed.nodes {
-            let name = clean(&node.node, ID);
+            let name = shown_name(&node.node);
             if node.gone {
                 self.nodes.remove(&name);
                 continue;
@@ -131,7 +132,7 @@ impl Picture {
                 self.is_whole = false;
                 continue;
             }
-            let cause = node.cause.as_deref().map(|cause| clean(cause, ID));
+            let cause = node.cause.as_deref().map(shown_name);
             let words = clean(&node.words, MESSAGE);
             self.nodes.insert(name, Shown { state: node.state, own: node.own, cause, words });
         }
@@ -145,4 +146,15 @@ impl Picture {
             self.alarms.insert(alarm.number, Alarm { node, words, ..alarm.clone() });
         }
     }
+}
+
+/// The name of a node as it is shown. Two that differ in what is not shown stay two.
+fn shown_name(name: &str) -> String {
+    let shown = clean(name, ID);
+    if shown == name {
+        return shown;
+    }
+    let mut hasher = DefaultHasher::new();
+    name.hash(&mut hasher);
+    format!("{shown} #{:08x}", hasher.finish() as u32)
 }

@@ -315,6 +315,26 @@ fn texts_have_bounds_and_no_letters_that_act() {
 }
 
 #[test]
+fn nodes_that_differ_in_what_is_not_shown_stay_two() {
+    let mut world = World::new();
+    world.head("a", 1, 1, head(State::Error));
+    let node = |name: &str, state| Node {
+        node: name.into(),
+        state,
+        own: state,
+        cause: None,
+        words: String::new(),
+        gone: false,
+    };
+    let nodes =
+        vec![node("/brake", State::Error), node("/brake ", State::Ok), node("/bra\u{200b}ke", State::Ok)];
+    let all = NodeStates { stage: Stage::Active, nodes };
+    world.tell(Stream::Log, "a", vec![message(1, 1, Content::Keyframe(all))]);
+    let picture = &world.fleet.vehicle(&id("a")).unwrap().picture;
+    assert_eq!((picture.nodes.len(), picture.nodes["/brake"].state), (3, State::Error));
+}
+
+#[test]
 fn more_vehicles_than_a_hub_admits_are_not_taken() {
     let mut world = World::new();
     for number in 0..VEHICLES_MAX {

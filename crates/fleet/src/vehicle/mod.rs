@@ -29,7 +29,8 @@ use opening::opened;
 /// A head is told this often, and at once after a change, but no more often than once in [`CHANGES_EVERY`].
 const HEAD_EVERY: Span = Span::from_secs(15);
 const CHANGES_EVERY: Span = Span::from_secs(1);
-const KEYFRAME_EVERY: Span = Span::from_secs(600);
+/// All nodes are told this often.
+pub const KEYFRAME_EVERY: Span = Span::from_secs(600);
 
 /// Changes wait this long for others, so that a batch is worth its envelope. Alarms and all else do not wait.
 const DELTAS_WAIT: Span = Span::from_secs(10);
