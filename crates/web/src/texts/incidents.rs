@@ -140,7 +140,7 @@ texts! {
         running: "Running", "Läuft";
         again: "Load again", "Neu laden";
         wrong: "The configuration has mistakes. Nothing was run.", "Die Konfiguration hat Fehler. Nichts wurde durchgespielt.";
-        nothing_differs: "Nothing differs: both show the same at every instant.", "Kein Unterschied: Beide zeigen in jedem Augenblick dasselbe.";
+        nothing_differs: "Nothing differs: states, causes, phases, alarms and countermeasures are the same at every instant.", "Kein Unterschied: Zustände, Ursachen, Phasen, Alarme und Gegenmaßnahmen sind in jedem Augenblick gleich.";
         differs: "What would have been different", "Was anders gewesen wäre";
         means: "What both configurations mean differently", "Was beide Konfigurationen verschieden meinen";
         means_same: "Both configurations mean the same.", "Beide Konfigurationen bedeuten dasselbe.";
