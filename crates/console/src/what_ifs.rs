@@ -1,6 +1,7 @@
 //! What-ifs over a group of incidents: the recordings of the group that were fetched are judged by another configuration,
 //! one after the other in the background. The result stays on the disk.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -44,6 +45,9 @@ pub struct WhatIf {
     pub group: String,
     pub who: String,
     pub began_ms: i64,
+    /// The vehicles of all incidents of the group.
+    #[serde(default)]
+    pub vehicles: BTreeSet<String>,
     /// All incidents of the group, and those with a recording here.
     pub incidents: usize,
     pub fetched: usize,
@@ -125,6 +129,7 @@ impl WhatIf {
             group: group.to_owned(),
             who: who.to_owned(),
             began_ms: 0,
+            vehicles: incidents.iter().map(|it| it.vehicle.clone()).collect(),
             incidents: incidents.len(),
             fetched,
             texts: Vec::new(),

@@ -42,6 +42,7 @@ pub use incidents::{
     Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Logged, Note,
     OnDisk, StoredIncident, clean_note,
 };
+pub use sessions::guests::{Grant, Grants, Pattern};
 pub use sessions::operator_change::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use temporary_folder::TemporaryFolder;

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use telltale_engine::model::Stage;
 use telltale_engine::state::State as Shows;
 use telltale_fleet::message::{Alarm, Incident, VehicleId};
-use telltale_web::common::{Asked, Format, Moment, SignedIn, Table, json_answer};
+use telltale_web::common::{Asked, Format, Moment, Table, json_answer};
 use telltale_web::describe::words;
 use telltale_web::texts::{HttpError, Lang};
 use tokio::time::timeout;
@@ -19,6 +19,7 @@ use tokio::time::timeout;
 use super::Console;
 use super::history::past;
 use super::recordings::told;
+use super::view::View;
 use crate::state::contact::Contact;
 use crate::state::incidents::{GroupBy, IncidentRow, grouped, row as incident_row};
 use crate::state::picture::{Picture, Shown};
@@ -43,12 +44,11 @@ pub struct VehiclesAsked {
 
 /// `GET /api/v1/vehicles?q&format`: all vehicles, the worst first.
 pub async fn vehicles(
-    State(console): State<Console>,
-    _: SignedIn,
+    view: View,
     Asked(VehiclesAsked { q, format }): Asked<VehiclesAsked>,
     headers: HeaderMap,
 ) -> Response {
-    let rows = console.found(&q);
+    let rows = view.found(&q);
     let flat: Vec<Value> = rows.iter().map(flat).collect();
     let table = Table { name: "vehicles", columns: &COLUMNS, rows: &flat, next: None };
     table.answer(Format::of(format, &headers), &rows)
@@ -173,19 +173,18 @@ struct OpenAlarm {
 
 /// `GET /api/v1/vehicles/ID/snapshot?at`: with the names of a vehicle's own snapshot, and how old it is.
 pub async fn snapshot(
-    State(console): State<Console>,
-    _: SignedIn,
+    view: View,
     Path(id): Path<String>,
     Asked(SnapshotAsked { at }): Asked<SnapshotAsked>,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
     let past = match at {
-        Some(Moment(ms)) => Some(past(&console, &id, ms, AROUND_MS).await?.0),
+        Some(Moment(ms)) => Some(past(&view, &id, ms, AROUND_MS).await?.0),
         None => None,
     };
-    let fleet = console.shared.fleet();
-    let vehicle = fleet.vehicle(&id).ok_or(HttpError::NotFound)?;
-    let now = fleet.row(vehicle, console.clock.now());
+    let fleet = view.fleet();
+    let vehicle = fleet.vehicle(&id)?;
+    let now = fleet.row(vehicle, view.console.clock.now());
     let (row, picture) = match &past {
         Some(past) => (past.row(now), &past.picture),
         None => (now, &vehicle.picture),
@@ -262,13 +261,8 @@ pub fn group<'de, D: Deserializer<'de>>(deserializer: D) -> Result<GroupBy, D::E
 }
 
 /// `GET /api/v1/incidents?group&format`: the groups, the largest first; by their first causes if nothing is asked for.
-pub async fn incidents(
-    State(console): State<Console>,
-    _: SignedIn,
-    Asked(asked): Asked<IncidentsAsked>,
-    headers: HeaderMap,
-) -> Response {
-    let rows = console.shared.fleet().incidents();
+pub async fn incidents(view: View, Asked(asked): Asked<IncidentsAsked>, headers: HeaderMap) -> Response {
+    let rows = view.fleet().incidents();
     let groups = grouped(rows, asked.group);
     let columns = &["group", "count", "vehicles", "versions", "first", "last", "fetched"];
     let table = Table { name: "incidents", columns, rows: &groups, next: None };
@@ -296,15 +290,14 @@ pub struct OwnIncident {
 
 /// `GET /api/v1/vehicles/ID/incidents?format`: the incidents of one vehicle, the newest first.
 pub async fn incidents_of(
-    State(console): State<Console>,
-    _: SignedIn,
+    view: View,
     Path(id): Path<String>,
     Asked(asked): Asked<TableAsked>,
     headers: HeaderMap,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    let fleet = console.shared.fleet();
-    let vehicle = fleet.vehicle(&id).ok_or(HttpError::NotFound)?;
+    let fleet = view.fleet();
+    let vehicle = fleet.vehicle(&id)?;
     let own = |(number, it): (&u64, &Incident)| OwnIncident {
         incident: incident_row(&id, it, vehicle.recordings.get(number)),
         bytes: it.bytes,

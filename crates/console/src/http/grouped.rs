@@ -3,20 +3,19 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
-use axum::extract::State as AskedOf;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Value, json};
 use telltale_engine::state::State;
-use telltale_web::common::{Asked, Format, SignedIn, Table};
+use telltale_web::common::{Asked, Format, Table};
 use telltale_web::describe::words;
 use telltale_web::texts::{Lang, address};
 
-use super::Console;
 use super::answers::VehiclesAsked;
 use super::row::{icon_of, word_of};
+use super::view::View;
 use crate::state::Row;
 use crate::state::contact::{Contact, Urgency};
 
@@ -113,12 +112,11 @@ pub struct CauseGroup<'a> {
 
 /// `GET /api/v1/groups?q&format`: vehicles that are not well, by cause.
 pub async fn get(
-    AskedOf(console): AskedOf<Console>,
-    _: SignedIn,
+    view: View,
     Asked(VehiclesAsked { q, format }): Asked<VehiclesAsked>,
     headers: HeaderMap,
 ) -> Response {
-    let rows = console.found(&q);
+    let rows = view.found(&q);
     let group = |((_, node), rows): ((Urgency, &'_ str), Vec<&'_ Row>)| {
         let cause = rows[0].cause.as_ref().filter(|_| !node.is_empty());
         json!(CauseGroup {

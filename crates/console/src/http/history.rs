@@ -1,26 +1,21 @@
-//! The API of one vehicle's history, and the bounds on histories that are read at a time.
+//! The API of one vehicle's history, and its states at a moment of the past.
 
-use axum::extract::{Path, State};
+use axum::extract::Path;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use telltale_clock::unix_ms;
-use telltale_engine::time::Span;
 use telltale_fleet::message::VehicleId;
-use telltale_web::common::{Asked, Format, Moment, SignedIn, Table, json_answer};
+use telltale_web::common::{Asked, Format, Moment, Table, json_answer};
 use telltale_web::describe::words;
 use telltale_web::texts::HttpError;
 
-use super::Console;
+use super::view::View;
 use crate::history::{self, Known, Part};
 use crate::past::Past;
 use crate::state::time;
-
-/// Histories that are read at a time. Others wait, within the time of a request.
-pub const AT_A_TIME: usize = 2;
-const READ_WITHIN: Span = Span::from_secs(8);
 
 /// Without a time to begin with: so far back.
 const UNASKED_MS: i64 = 3_600_000;
@@ -83,15 +78,14 @@ pub struct HistoryAnswer {
 
 /// `GET /api/v1/vehicles/ID/history?from&to&format`: messages in their order, by the vehicle's clock.
 pub async fn get(
-    State(console): State<Console>,
-    _: SignedIn,
+    view: View,
     Path(id): Path<String>,
     Asked(asked): Asked<HistoryAsked>,
     headers: HeaderMap,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    let (from, to) = asked.span(unix_ms(console.clock.wall()));
-    let known = known(&console, &id, from, to).await?;
+    let (from, to) = asked.span(unix_ms(view.console.clock.wall()));
+    let known = view.history(&id, from, to).await?;
     let told = known.told(from, to);
     let format = Format::of(asked.format, &headers);
     if format == Format::Csv {
@@ -136,15 +130,15 @@ const AHEAD_MS: i64 = 5000;
 /// # Errors
 /// There is no such vehicle, the moment is still to come, or the hub does not answer.
 pub async fn past(
-    console: &Console,
+    view: &View,
     id: &VehicleId,
     at_ms: i64,
     around_ms: i64,
 ) -> Result<(Past, Known), HttpError> {
     let last_told = {
-        let (wall_ms, now) = (unix_ms(console.clock.wall()), console.clock.now());
-        let fleet = console.shared.fleet();
-        let vehicle = fleet.vehicle(id).ok_or(HttpError::NotFound)?;
+        let (wall_ms, now) = (unix_ms(view.console.clock.wall()), view.console.clock.now());
+        let fleet = view.fleet();
+        let vehicle = fleet.vehicle(id)?;
         let ahead_ms = vehicle.skew_ms().unwrap_or(0).max(AHEAD_MS);
         if at_ms > wall_ms.saturating_add(ahead_ms) {
             return Err(HttpError::Future);
@@ -152,34 +146,13 @@ pub async fn past(
         vehicle.last_told(wall_ms, now)
     };
     let [from, to] = [at_ms.saturating_sub(around_ms), at_ms.saturating_add(around_ms)];
-    let around = known(console, id, from, to).await?;
+    let around = view.history(id, from, to).await?;
     let past = if around.is_whole {
         Past::of(&around, at_ms, last_told)
     } else {
         // It may have ended before the moment.
-        let near = known(console, id, at_ms.saturating_sub(NEAR_MS), at_ms).await?;
+        let near = view.history(id, at_ms.saturating_sub(NEAR_MS), at_ms).await?;
         Past::of(&near, at_ms, last_told.filter(|_| near.is_whole))
     };
     Ok((past, around))
-}
-
-/// Reads what a vehicle told of a time by its own clock, in milliseconds since 1970.
-///
-/// # Errors
-/// There is no such vehicle, or the hub does not answer.
-pub async fn known(console: &Console, id: &VehicleId, from: i64, to: i64) -> Result<Known, HttpError> {
-    let skew_ms = {
-        let fleet = console.shared.fleet();
-        fleet.vehicle(id).ok_or(HttpError::NotFound)?.skew_ms().unwrap_or(0)
-    };
-    let logs = console.shared.logs().ok_or(HttpError::Unavailable)?;
-    let until = console.clock.now() + READ_WITHIN;
-    let read = console.clock.by(until, async {
-        let _turn = console.histories.acquire().await.map_err(|error| error.to_string())?;
-        history::read(&logs, id, from, to, skew_ms).await
-    });
-    read.await.ok_or(HttpError::TooSlow)?.map_err(|why| {
-        tracing::warn!("a history cannot be read: {why}");
-        HttpError::Unavailable
-    })
 }

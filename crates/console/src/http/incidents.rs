@@ -1,16 +1,15 @@
 //! The incidents of the fleet in groups, and the what-ifs that were run over such groups.
 
 use askama::Template;
-use axum::extract::State;
 use axum::response::Response;
 use telltale_store::Role;
-use telltale_web::common::{Asked, PageFrame, Reader, SignedIn};
+use telltale_web::common::{Asked, PageFrame, Reader};
 use telltale_web::texts::console::ConsoleWords;
 use telltale_web::texts::{IncidentWords, Lang};
 
-use super::Console;
 use super::answers::IncidentsAsked;
 use super::page::rendered;
+use super::view::View;
 use super::what_ifs::{Line, form_address, group_name};
 use crate::state::incidents::{Group, GroupBy, grouped};
 
@@ -56,18 +55,19 @@ pub fn kind(by: GroupBy, lang: Lang) -> &'static str {
 
 /// `GET /incidents?group=cause`
 pub async fn page(
-    State(console): State<Console>,
-    SignedIn(session): SignedIn,
+    view: View,
     Asked(IncidentsAsked { group: by, .. }): Asked<IncidentsAsked>,
     reader: Reader,
 ) -> Response {
     let (lang, words) = (reader.lang, ConsoleWords::of(reader.lang));
-    let may_start = console.what_ifs.is_some() && session.role == Role::Engineer;
-    let rows = console.shared.fleet().incidents();
-    let groups = grouped(rows, by);
+    let what_ifs = view.what_ifs().ok();
+    // Of a group an engineer of some of its vehicles has those judged.
+    let may_start =
+        |it: &Group| what_ifs.is_some() && it.vehicles.iter().any(|id| view.may(Role::Engineer, id));
+    let groups = grouped(view.fleet().incidents(), by);
     let more = groups.len().saturating_sub(GROUPS_MAX);
     let html = |it: Group| {
-        let more = it.vehicles.len().saturating_sub(NAMED_MAX);
+        let (may_start, more) = (may_start(&it), it.vehicles.len().saturating_sub(NAMED_MAX));
         GroupHtml {
             name: group_name(by, &it.group, lang),
             fetched: lang.so_many_fetched(it.fetched, it.count),
@@ -83,11 +83,11 @@ pub async fn page(
         frame: PageFrame::new(lang, reader.palette),
         words,
         it: IncidentWords::of(lang),
-        user: session.user.to_string(),
+        user: view.session.user.to_string(),
         by: by.as_str(),
         kinds: GroupBy::ALL.map(|it| (it.as_str(), kind(it, lang))).to_vec(),
         groups: groups.into_iter().take(GROUPS_MAX).map(html).collect(),
         more: (more > 0).then(|| lang.so_many_more(more)),
-        what_ifs: console.what_ifs.iter().flat_map(|it| it.each(|it| Line::of(it, lang))).collect(),
+        what_ifs: what_ifs.iter().flat_map(|it| it.each(|it| Line::of(it, lang))).collect(),
     })
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use askama::Template;
-use axum::extract::{Path, State};
+use axum::extract::Path;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use schemars::JsonSchema;
@@ -12,14 +12,14 @@ use telltale_clock::unix_ms;
 use telltale_engine::model::Stage;
 use telltale_fleet::history::Unknown;
 use telltale_fleet::message::{Alarm, Content, Epoch, GapReason, Message, VehicleId};
-use telltale_web::common::{Asked, Format, Reader, SignedIn, Table};
+use telltale_web::common::{Asked, Format, Reader, Table};
 use telltale_web::describe::words;
 use telltale_web::texts::console::ConsoleWords;
 use telltale_web::texts::{HttpError, ID, Lang, MESSAGE, clean};
 
-use super::Console;
-use super::history::{HistoryAsked, known};
+use super::history::HistoryAsked;
 use super::page::rendered;
+use super::view::View;
 use crate::history::{Known, Part};
 use crate::state::time;
 
@@ -93,16 +93,15 @@ pub struct LineHtml {
 
 /// `GET /api/v1/vehicles/ID/log?from&to&format`: the log as people read it, the oldest line first.
 pub async fn table(
-    State(console): State<Console>,
-    _: SignedIn,
+    view: View,
     Path(id): Path<String>,
     Asked(asked): Asked<HistoryAsked>,
     reader: Reader,
     headers: HeaderMap,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    let (from, to) = asked.span(unix_ms(console.clock.wall()));
-    let known = known(&console, &id, from, to).await?;
+    let (from, to) = asked.span(unix_ms(view.console.clock.wall()));
+    let known = view.history(&id, from, to).await?;
     let told = lines(&known, from, reader.lang).into_iter().filter(|(at, _)| (from..=to).contains(at));
     let mut rows: Vec<LineHtml> = told.map(|(_, line)| line).collect();
     if !known.is_whole {
@@ -124,25 +123,21 @@ pub async fn table(
 
 /// `GET /vehicles/ID/log?log=24h`: the part of the page with the log.
 pub async fn log(
-    State(console): State<Console>,
-    _: SignedIn,
+    view: View,
     Path(id): Path<String>,
     Asked(asked): Asked<LogAsked>,
     reader: Reader,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    Ok(rendered(&log_of(&console, &id, asked.log, reader.lang).await?))
+    Ok(rendered(&log_of(&view, &id, asked.log, reader.lang).await?))
 }
 
-pub async fn log_of(console: &Console, id: &VehicleId, log: Reach, lang: Lang) -> Result<LogHtml, HttpError> {
+pub async fn log_of(view: &View, id: &VehicleId, log: Reach, lang: Lang) -> Result<LogHtml, HttpError> {
     let words = ConsoleWords::of(lang);
-    let noted = {
-        let fleet = console.shared.fleet();
-        fleet.vehicle(id).ok_or(HttpError::NotFound)?.picture.noted_place()
-    };
-    let from = unix_ms(console.clock.wall()).saturating_sub(log.ms());
+    let noted = view.fleet().vehicle(id)?.picture.noted_place();
+    let from = unix_ms(view.console.clock.wall()).saturating_sub(log.ms());
     // Without its hub the console has no log, and the rest of the page all the same.
-    let (lines, notes) = match known(console, id, from, i64::MAX).await {
+    let (lines, notes) = match view.history(id, from, i64::MAX).await {
         Ok(known) => {
             (shown(lines(&known, from, lang), from, i64::MAX), remarks(&known, (from, i64::MAX), lang))
         }

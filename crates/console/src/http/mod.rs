@@ -15,9 +15,10 @@ mod row;
 #[cfg(test)]
 mod tests;
 mod vehicle;
+mod view;
 mod what_ifs;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use axum::extract::DefaultBodyLimit;
@@ -32,7 +33,6 @@ use telltale_web::common::{
 };
 use telltale_web::describe::Description;
 use telltale_web::{BODY_BYTES_MAX, Examiner, Origins, TEXT_BYTES_MAX};
-use tokio::sync::Semaphore;
 use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::timeout::TimeoutLayer;
 
@@ -40,9 +40,7 @@ use operations as op;
 pub use operations::document as openapi;
 
 use crate::follow::Shared;
-use crate::state::Row;
-use crate::state::search::Search;
-use crate::what_ifs::WhatIfs;
+use view::Everything;
 
 /// The time for a whole request.
 const REQUEST_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(10);
@@ -50,51 +48,27 @@ const REQUEST_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(10);
 /// What all requests share; clones are the same.
 #[derive(Debug, Clone)]
 pub struct Console {
-    pub shared: Shared,
+    fleet: Everything,
     /// Users, sessions and the audit log.
     pub store: Store,
     pub clock: Clock,
-    /// The folder of the recordings.
-    pub recordings: PathBuf,
     origins: Arc<Origins>,
     /// Browsers connect over TLS, so cookies are marked for TLS only.
     secure: bool,
     throttle: Arc<Mutex<Throttle>>,
-    /// Permits to read a history.
-    histories: Arc<Semaphore>,
-    /// `None` where no configuration can be read.
-    what_ifs: Option<Arc<WhatIfs>>,
 }
 
 impl Console {
-    /// The vehicles that a search finds, the worst first.
-    pub fn found(&self, q: &Search) -> Vec<Row> {
-        let mut rows = self.shared.fleet().rows(self.clock.now());
-        rows.retain(|row| q.finds(row));
-        rows
-    }
-
     /// `data`: its data folder.
     pub fn new(shared: Shared, store: Store, data: &Path, origins: Origins, secure: bool) -> Console {
         let clock = shared.clock;
-        let (origins, histories) = (Arc::new(origins), Arc::new(Semaphore::new(history::AT_A_TIME)));
-        let folder = data.join(crate::recordings::FOLDER);
-        Console {
-            shared,
-            store,
-            clock,
-            recordings: folder,
-            origins,
-            secure,
-            throttle: Arc::default(),
-            histories,
-            what_ifs: None,
-        }
+        let (fleet, origins) = (Everything::new(shared, data), Arc::new(origins));
+        Console { fleet, store, clock, origins, secure, throttle: Arc::default() }
     }
 
     /// With what-ifs, which it keeps in its data folder.
     pub fn with_what_ifs(self, data: &Path, examiner: Examiner) -> Console {
-        Console { what_ifs: Some(WhatIfs::open(data, self.clock, examiner)), ..self }
+        Console { fleet: self.fleet.with_what_ifs(data, examiner), ..self }
     }
 }
 

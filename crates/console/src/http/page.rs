@@ -2,17 +2,16 @@
 //! vehicles are cards; of more, those that are well are folded; of many, the groups by cause, all as a grid, and the worst.
 
 use askama::Template;
-use axum::extract::State;
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use telltale_clock::unix_ms;
-use telltale_web::common::{Asked, PageFrame, Reader, SignedIn};
+use telltale_web::common::{Asked, PageFrame, Reader};
 use telltale_web::texts::console::ConsoleWords;
 use telltale_web::texts::{HttpError, Lang, Words, address};
 
-use super::Console;
 use super::grouped::{CellHtml, GroupHtml, cells, groups};
 use super::row::{RowHtml, shown};
+use super::view::View;
 use crate::state::contact::Urgency;
 use crate::state::search::Search;
 use crate::state::{Row, counts};
@@ -68,26 +67,24 @@ struct FleetHtml {
 
 /// `GET /`
 pub async fn get(
-    State(console): State<Console>,
-    signed_in: Result<SignedIn, HttpError>,
+    view: Result<View, HttpError>,
     Asked(OverviewAsked { q }): Asked<OverviewAsked>,
     reader: Reader,
 ) -> Response {
-    let Ok(SignedIn(session)) = signed_in else { return Redirect::to("/login").into_response() };
-    let fleet = fleet(&console, &q, reader.lang);
+    let Ok(view) = view else { return Redirect::to("/login").into_response() };
+    let fleet = fleet(&view, &q, reader.lang);
     let frame = PageFrame::new(reader.lang, reader.palette);
-    let (words, user, q) = (fleet.words, session.user.to_string(), q.text().to_owned());
+    let (words, user, q) = (fleet.words, view.session.user.to_string(), q.text().to_owned());
     rendered(&OverviewHtml { frame, words, user, q, fleet })
 }
 
 /// `GET /overview`: the part of the page that changes.
 pub async fn overview(
-    State(console): State<Console>,
-    _: SignedIn,
+    view: View,
     Asked(OverviewAsked { q }): Asked<OverviewAsked>,
     reader: Reader,
 ) -> Response {
-    rendered(&fleet(&console, &q, reader.lang))
+    rendered(&fleet(&view, &q, reader.lang))
 }
 
 pub fn rendered(page: &impl Template) -> Response {
@@ -97,11 +94,11 @@ pub fn rendered(page: &impl Template) -> Response {
     }
 }
 
-fn fleet(console: &Console, q: &Search, lang: Lang) -> FleetHtml {
-    let now_ms = unix_ms(console.clock.wall());
+fn fleet(view: &View, q: &Search, lang: Lang) -> FleetHtml {
+    let now_ms = unix_ms(view.console.clock.wall());
     let (mut rows, hub_down) = {
-        let fleet = console.shared.fleet();
-        (fleet.rows(console.clock.now()), fleet.line().up_since.is_none())
+        let fleet = view.fleet();
+        (fleet.rows(view.console.clock.now()), fleet.hub_is_down())
     };
     let (words, states) = (ConsoleWords::of(lang), Words::of(lang));
     let all = counts(&rows);

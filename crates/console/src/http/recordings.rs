@@ -1,20 +1,19 @@
 //! The incidents of a vehicle on its page, and their recordings: an engineer asks for one, and takes it as a file.
 
-use axum::extract::{Path, Request, State};
+use axum::extract::{Path, Request};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Redirect, Response};
 use serde_json::json;
 use telltale_clock::unix_ms;
 use telltale_fleet::message::{NotSent, VehicleId};
+use telltale_store::Role;
 use telltale_store::audit::{Action, Record};
-use telltale_store::{Role, Session};
-use telltale_web::common::{CameFrom, Reader, SignedIn, Speaks, json_answer, sent_recording};
+use telltale_web::common::{CameFrom, Reader, Speaks, json_answer, sent_recording};
 use telltale_web::texts::console::ConsoleWords;
 use telltale_web::texts::{HttpError, Lang};
 
-use super::Console;
-use crate::recordings::path_of;
-use crate::state::recordings::{NotAsked, Step};
+use super::view::View;
+use crate::state::recordings::Step;
 use crate::state::time;
 use crate::state::vehicle::Vehicle;
 
@@ -36,11 +35,13 @@ pub struct IncidentHtml {
 }
 
 /// The incidents of a page, and how many more there are.
-pub fn incidents(vehicle: &Vehicle, role: Role, lang: Lang) -> (Vec<IncidentHtml>, usize) {
+pub fn incidents(vehicle: &Vehicle, view: &View, lang: Lang) -> (Vec<IncidentHtml>, usize) {
+    let may_fetch = view.may(Role::Engineer, vehicle.id.as_str());
+    let may_download = may_download(view, &vehicle.id);
     let incident = |(number, it): (&u64, &telltale_fleet::message::Incident)| {
         let step = vehicle.recordings.get(number).map(|it| &it.step);
         let is_here = matches!(step, Some(Step::Here(_)));
-        let may_fetch = role == Role::Engineer && it.sha256.is_some();
+        let may_fetch = may_fetch && it.sha256.is_some();
         let (name, words) = told(step, lang);
         IncidentHtml {
             number: *number,
@@ -51,7 +52,7 @@ pub fn incidents(vehicle: &Vehicle, role: Role, lang: Lang) -> (Vec<IncidentHtml
             step: name,
             words,
             fetches: may_fetch && !is_here && !step.is_some_and(Step::is_open),
-            downloads: is_here && may_download(role),
+            downloads: is_here && may_download,
         }
     };
     let shown = vehicle.incidents.iter().rev().take(INCIDENTS_MAX).map(incident);
@@ -82,8 +83,8 @@ pub fn told(step: Option<&Step>, lang: Lang) -> (&'static str, String) {
     (name, text.to_owned())
 }
 
-fn may_download(role: Role) -> bool {
-    matches!(role, Role::Engineer | Role::Authority)
+fn may_download(view: &View, id: &VehicleId) -> bool {
+    [Role::Engineer, Role::Authority].into_iter().any(|role| view.may(role, id.as_str()))
 }
 
 /// The vehicle and the incident of an address.
@@ -92,37 +93,38 @@ fn named((id, number): (String, String)) -> Result<(VehicleId, u64), HttpError> 
     VehicleId::new(&id).zip(number).ok_or(HttpError::NotFound)
 }
 
-fn record(session: &Session, action: Action, source: std::net::IpAddr, on: &(VehicleId, u64)) -> Record {
-    Record::of_session(session, action, source).on(format!("{}/{}", on.0, on.1))
+fn record(view: &View, action: Action, source: std::net::IpAddr, on: &(VehicleId, u64)) -> Record {
+    Record::of_session(&view.session, action, source).on(format!("{}/{}", on.0, on.1))
+}
+
+/// Refuses what the role does not permit, and records that. A vehicle that the session does not see is not there for it.
+async fn permitted(view: &View, may: bool, id: &VehicleId, record: &Record) -> Result<(), HttpError> {
+    let (why, error) = match () {
+        () if may => return Ok(()),
+        () if view.session.sees(id.as_str()) => ("the role does not permit it", HttpError::Forbidden),
+        () => ("the user does not see this vehicle", HttpError::NotFound),
+    };
+    view.console.store.record(record.clone().refused(why), None).await;
+    Err(error)
 }
 
 /// `POST /vehicles/ID/incidents/NUMBER/fetch`: asks the vehicle for the recording.
 pub async fn fetch(
-    State(console): State<Console>,
+    view: View,
     CameFrom(source): CameFrom,
-    SignedIn(session): SignedIn,
     Path(path): Path<(String, String)>,
     reader: Reader,
 ) -> Result<Response, HttpError> {
     let on = named(path)?;
-    let asked = |console: &Console| match console.shared.fleet().may_ask(&on.0, on.1) {
-        Ok(()) => Ok(()),
-        Err(NotAsked::NoIncident) => Err(HttpError::NotFound),
-        Err(NotAsked::NoRecording) => Err(HttpError::Unfinished),
-        Err(NotAsked::TooMany) => Err(HttpError::TooMany),
-    };
-    let record = record(&session, Action::RecordingAsked, source, &on);
-    if session.role != Role::Engineer {
-        console.store.record(record.refused("the role does not permit it"), None).await;
-        return Err(HttpError::Forbidden);
-    }
-    asked(&console)?;
-    if !console.store.record(record, None).await {
+    let record = record(&view, Action::RecordingAsked, source, &on);
+    permitted(&view, view.may(Role::Engineer, on.0.as_str()), &on.0, &record).await?;
+    view.fleet().may_ask(&on.0, on.1)?;
+    if !view.console.store.record(record, None).await {
         return Err(HttpError::Storage);
     }
     // Others may have asked meanwhile.
-    asked(&console)?;
-    console.shared.fleet().ask(&on.0, on.1, unix_ms(console.clock.wall()));
+    let now_ms = unix_ms(view.console.clock.wall());
+    view.fleet().ask(&on.0, on.1, now_ms)?;
     Ok(match reader.speaks {
         Speaks::Json => json_answer(StatusCode::ACCEPTED, &json!({})),
         Speaks::Html => Redirect::to(&format!("/vehicles/{}#incident-{}", on.0, on.1)).into_response(),
@@ -131,33 +133,29 @@ pub async fn fetch(
 
 /// `GET /vehicles/ID/incidents/NUMBER/recording`: the file, or the range that is asked for.
 pub async fn download(
-    State(console): State<Console>,
+    view: View,
     CameFrom(source): CameFrom,
-    SignedIn(session): SignedIn,
     Path(path): Path<(String, String)>,
     request: Request,
 ) -> Result<Response, HttpError> {
     let on = named(path)?;
     let here = {
-        let fleet = console.shared.fleet();
-        let transfer = fleet.vehicle(&on.0).and_then(|it| it.recordings.get(&on.1));
+        let fleet = view.fleet();
+        let transfer = fleet.vehicle(&on.0).ok().and_then(|it| it.recordings.get(&on.1));
         match transfer.map(|it| &it.step) {
             Some(Step::Here(pieces)) => Some(pieces.sha256.clone()),
             _ => None,
         }
     };
-    let record = record(&session, Action::RecordingExported, source, &on);
-    if !may_download(session.role) {
-        console.store.record(record.refused("the role does not permit it"), None).await;
-        return Err(HttpError::Forbidden);
-    }
-    let file = path_of(&console.recordings, &on.0, on.1);
+    let record = record(&view, Action::RecordingExported, source, &on);
+    permitted(&view, may_download(&view, &on.0), &on.0, &record).await?;
     let hash = here.ok_or(HttpError::NoRecording)?;
+    let file = view.recording(&on.0, on.1)?;
     if !file.is_file() {
-        console.shared.fleet().recording_removed(&on.0, on.1);
+        view.fleet().recording_removed(&on.0, on.1);
         return Err(HttpError::NoRecording);
     }
-    if !console.store.record(record, None).await {
+    if !view.console.store.record(record, None).await {
         return Err(HttpError::Storage);
     }
     let name = format!("{}-incident-{}.mcap", on.0, on.1);

@@ -1,7 +1,7 @@
 //! The page of one vehicle, to read: what it shows, its faults with their causes, its components as tiles, and its log.
 
 use askama::Template;
-use axum::extract::{Path, State};
+use axum::extract::Path;
 use axum::response::Response;
 use serde::Deserialize;
 use telltale_clock::unix_ms;
@@ -9,17 +9,16 @@ use telltale_engine::module::system::OTHER_GROUP;
 use telltale_engine::state::State as Shows;
 use telltale_engine::time::{Span, how_long};
 use telltale_fleet::message::VehicleId;
-use telltale_store::Role;
-use telltale_web::common::{Asked, PageFrame, Reader, SignedIn, asked_ms};
+use telltale_web::common::{Asked, PageFrame, Reader, asked_ms};
 use telltale_web::texts::console::ConsoleWords;
 use telltale_web::texts::{HttpError, IncidentWords, Lang, Words};
 
-use super::Console;
 use super::history::past;
 use super::log::{LogHtml, Reach, log_of, log_until};
 use super::page::rendered;
 use super::recordings::{IncidentHtml, incidents};
 use super::row::{RowHtml, icon, shown};
+use super::view::View;
 use crate::past::Past;
 use crate::state::contact::Contact;
 use crate::state::picture::{Picture, Shown};
@@ -119,8 +118,7 @@ struct ModuleHtml {
 
 /// `GET /vehicles/ID`
 pub async fn page(
-    State(console): State<Console>,
-    SignedIn(session): SignedIn,
+    view: View,
     Path(id): Path<String>,
     Asked(PageAsked { log, at }): Asked<PageAsked>,
     reader: Reader,
@@ -129,46 +127,41 @@ pub async fn page(
     let lang = reader.lang;
     let (past, state, log) = match asked_ms(at.as_deref())? {
         Some(at_ms) => {
-            let (past, known) = past(&console, &id, at_ms, log.ms()).await?;
+            let (past, known) = past(&view, &id, at_ms, log.ms()).await?;
             let (log_html, steps) = log_until(&known, &id, at_ms, log, lang);
             let address = |ms| format!("/vehicles/{id}?at={}&log={}", time(ms), log.as_str());
             let [previous, next] = steps.map(|step| step.map(address));
             let html = PastHtml { words: IncidentWords::of(lang), at: time(at_ms), previous, next };
-            (Some(html), state_then(&console, &id, &past, lang)?, log_html)
+            (Some(html), state_then(&view, &id, &past, lang)?, log_html)
         }
         None => {
-            let state = state_of(&console, &id, session.role, lang)?;
-            console.shared.look(&id).await;
-            (None, state, log_of(&console, &id, log, lang).await?)
+            let state = state_of(&view, &id, lang)?;
+            view.look(&id).await;
+            (None, state, log_of(&view, &id, log, lang).await?)
         }
     };
     let frame = PageFrame::new(lang, reader.palette);
-    let (words, user) = (ConsoleWords::of(lang), session.user.to_string());
+    let (words, user) = (ConsoleWords::of(lang), view.session.user.to_string());
     Ok(rendered(&VehicleHtml { frame, words, user, past, state, log }))
 }
 
 /// `GET /vehicles/ID/state`: the part of the page that changes.
-pub async fn state(
-    State(console): State<Console>,
-    SignedIn(session): SignedIn,
-    Path(id): Path<String>,
-    reader: Reader,
-) -> Result<Response, HttpError> {
+pub async fn state(view: View, Path(id): Path<String>, reader: Reader) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    let state = state_of(&console, &id, session.role, reader.lang)?;
-    console.shared.look(&id).await;
+    let state = state_of(&view, &id, reader.lang)?;
+    view.look(&id).await;
     Ok(rendered(&state))
 }
 
-fn state_of(console: &Console, id: &VehicleId, role: Role, lang: Lang) -> Result<StateHtml, HttpError> {
-    let now_ms = unix_ms(console.clock.wall());
-    let fleet = console.shared.fleet();
-    let vehicle = fleet.vehicle(id).ok_or(HttpError::NotFound)?;
-    let row = fleet.row(vehicle, console.clock.now());
-    let (incidents, more_incidents) = incidents(vehicle, role, lang);
+fn state_of(view: &View, id: &VehicleId, lang: Lang) -> Result<StateHtml, HttpError> {
+    let now_ms = unix_ms(view.console.clock.wall());
+    let fleet = view.fleet();
+    let vehicle = fleet.vehicle(id)?;
+    let row = fleet.row(vehicle, view.console.clock.now());
+    let (incidents, more_incidents) = incidents(vehicle, view, lang);
     let shown = shown(&row, lang, now_ms);
     Ok(StateHtml {
-        hub_down: fleet.line().up_since.is_none(),
+        hub_down: fleet.hub_is_down(),
         age: if row.contact == Contact::Live { String::new() } else { shown.age.clone() },
         incidents,
         more_incidents: (more_incidents > 0).then(|| lang.so_many_more(more_incidents)),
@@ -177,12 +170,11 @@ fn state_of(console: &Console, id: &VehicleId, role: Role, lang: Lang) -> Result
 }
 
 /// The state of the vehicle at a moment.
-fn state_then(console: &Console, id: &VehicleId, past: &Past, lang: Lang) -> Result<StateHtml, HttpError> {
+fn state_then(view: &View, id: &VehicleId, past: &Past, lang: Lang) -> Result<StateHtml, HttpError> {
     let words = ConsoleWords::of(lang);
     let row = {
-        let fleet = console.shared.fleet();
-        let vehicle = fleet.vehicle(id).ok_or(HttpError::NotFound)?;
-        past.row(fleet.row(vehicle, console.clock.now()))
+        let fleet = view.fleet();
+        past.row(fleet.row(fleet.vehicle(id)?, view.console.clock.now()))
     };
     let is_known = past.contact != Contact::Lost;
     let is_old = |age: &Span| past.contact != Contact::Live && *age >= Span::from_secs(1);

@@ -1,34 +1,32 @@
 //! What-ifs over groups of incidents: an engineer gives a configuration, and all who have the link see the result.
 
-use std::sync::Arc;
-
 use askama::Template;
-use axum::extract::{Path, State};
+use axum::extract::Path;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Redirect, Response};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use telltale_record::folder::file_name;
+use telltale_fleet::message::VehicleId;
 use telltale_record::ring::ConfigurationText;
 use telltale_record::writer::digest;
+use telltale_store::Role;
 use telltale_store::audit::{Action, Record};
-use telltale_store::{Role, Session};
 use telltale_web::common::{
-    Asked, CameFrom, FormOf, Format, JudgedRow, PageFrame, Reader, SignedIn, Speaks, Table, bad_field,
-    json_answer, sent_configuration,
+    Asked, CameFrom, FormOf, Format, JudgedRow, PageFrame, Reader, Speaks, Table, bad_field, json_answer,
+    sent_configuration,
 };
 use telltale_web::describe::words;
 use telltale_web::incidents::{Mistake, texts_in};
 use telltale_web::texts::console::ConsoleWords;
 use telltale_web::texts::{HttpError, ID, IncidentWords, Lang, MESSAGE, NAME, address, clean};
 
-use super::Console;
 use super::answers::{TableAsked, group, group_words};
 use super::page::rendered;
+use super::view::{SeenWhatIfs, View};
 use crate::state::incidents::{GroupBy, IncidentRow, sort};
 use crate::state::time;
-use crate::what_ifs::{Judged, Progress, WhatIf, WhatIfs};
+use crate::what_ifs::{Judged, Progress, WhatIf};
 
 /// Incidents that are named as not fetched, and differences of meaning that are listed.
 const NOT_FETCHED_MAX: usize = 20;
@@ -298,31 +296,23 @@ fn mistake(
     }
 }
 
-impl Console {
-    /// The incidents of a group, the newest first.
+impl View {
+    /// The incidents of a group that may be judged again, the newest first: of a guest those of the vehicles for which it is
+    /// an engineer.
     fn incidents_of(&self, by: GroupBy, group: &str) -> Vec<IncidentRow> {
-        let mut rows = self.shared.fleet().incidents();
-        rows.retain(|it| by.key(it) == group);
+        let mut rows = self.fleet().incidents();
+        let may = |it: &IncidentRow| !self.session.is_of_guest() || self.may(Role::Engineer, &it.vehicle);
+        rows.retain(|it| by.key(it) == group && may(it));
         sort(&mut rows);
         rows
     }
 
-    fn what_ifs(&self) -> Result<&Arc<WhatIfs>, HttpError> {
-        self.what_ifs.as_ref().ok_or(HttpError::NotFound)
-    }
-
-    /// Makes something of the what-if with the number in an address.
-    fn what_if<T>(&self, number: &str, of: impl FnOnce(&WhatIf) -> T) -> Result<T, HttpError> {
-        let number = number.parse().map_err(|_| HttpError::NotFound)?;
-        self.what_ifs()?.with(number, of).ok_or(HttpError::NotFound)
-    }
-
     /// Refuses all but engineers, and records that.
-    async fn for_engineers(&self, session: &Session, record: &Record) -> Result<(), HttpError> {
-        if session.role == Role::Engineer {
+    async fn for_engineers(&self, may: bool, record: &Record) -> Result<(), HttpError> {
+        if may {
             return Ok(());
         }
-        self.store.record(record.clone().refused("the role does not permit it"), None).await;
+        self.console.store.record(record.clone().refused("the role does not permit it"), None).await;
         Err(HttpError::Forbidden)
     }
 }
@@ -338,25 +328,25 @@ fn only_newest(chosen: usize, fetched: usize, lang: Lang) -> Option<String> {
 
 /// `GET /incidents/what-if?group=cause&of=NAME&from=NUMBER`: the recordings, and the configuration to change.
 pub async fn form(
-    State(console): State<Console>,
-    SignedIn(session): SignedIn,
+    view: View,
     Asked(FormAsked { group: by, of, from }): Asked<FormAsked>,
     reader: Reader,
 ) -> Result<Response, HttpError> {
-    let what_ifs = console.what_ifs()?;
-    if session.role != Role::Engineer {
+    let what_ifs = view.what_ifs()?;
+    let incidents = view.incidents_of(by, &of);
+    let (lang, planned) = (reader.lang, WhatIf::over(by, &of, &incidents, ""));
+    if !what_ifs.may_run(&planned) {
         return Err(HttpError::Forbidden);
     }
-    let incidents = console.incidents_of(by, &of);
     if incidents.is_empty() {
         return Err(HttpError::NotFound);
     }
-    let lang = reader.lang;
-    let planned = WhatIf::over(by, &of, &incidents, "");
-    let sent = from.and_then(|number| what_ifs.with(number, |it| it.texts.clone()));
-    let texts = match (sent, planned.chosen.first()) {
+    let sent = from.and_then(|number| what_ifs.with(&number.to_string(), |it| it.texts.clone()).ok());
+    let newest = planned.chosen.first();
+    let newest = newest.and_then(|it| VehicleId::new(&it.vehicle).map(|id| (id, it.number)));
+    let texts = match (sent, newest) {
         (Some(texts), _) => texts,
-        (None, Some(it)) => texts_in(console.recordings.join(&it.vehicle).join(file_name(it.number))).await,
+        (None, Some((id, number))) => texts_in(view.recording(&id, number)?).await,
         (None, None) => Vec::new(),
     };
     let empty = || vec![ConfigurationText { name: "vehicle.yaml".to_owned(), text: String::new() }];
@@ -366,7 +356,7 @@ pub async fn form(
         frame: PageFrame::new(lang, reader.palette),
         words: ConsoleWords::of(lang),
         it: IncidentWords::of(lang),
-        user: session.user.to_string(),
+        user: view.session.user.to_string(),
         by: by.as_str(),
         name: group_name(by, &of, lang),
         group: of,
@@ -381,13 +371,12 @@ pub async fn form(
 
 /// `POST /incidents/what-if`: starts one.
 pub async fn start(
-    State(console): State<Console>,
+    view: View,
     CameFrom(source): CameFrom,
-    SignedIn(session): SignedIn,
     reader: Reader,
     FormOf(fields): FormOf<Vec<(String, String)>>,
 ) -> Result<Response, HttpError> {
-    let what_ifs = console.what_ifs()?.clone();
+    let what_ifs = view.what_ifs()?;
     let field = |key| fields.iter().find(|(name, _)| name == key).map(|(_, value)| value.as_str());
     let (Some(by), Some(of)) = (field("group").and_then(GroupBy::from_word), field("of")) else {
         return Ok(bad_field(&reader, "group, of"));
@@ -396,7 +385,7 @@ pub async fn start(
         Ok(texts) => texts,
         Err(refusal) => return Ok(refusal),
     };
-    let what_if = WhatIf::over(by, of, &console.incidents_of(by, of), &session.user);
+    let what_if = WhatIf::over(by, of, &view.incidents_of(by, of), &view.session.user);
     let said = format!(
         "{} {}, {} recordings, sha256:{}",
         by.as_str(),
@@ -404,19 +393,17 @@ pub async fn start(
         what_if.chosen.len(),
         digest(&texts)
     );
-    let record = Record::of_session(&session, Action::WhatIfStarted, source).on(said);
-    console.for_engineers(&session, &record).await?;
+    let record = Record::of_session(&view.session, Action::WhatIfStarted, source).on(said);
+    view.for_engineers(what_ifs.may_run(&what_if), &record).await?;
     match () {
         () if what_if.incidents == 0 => return Err(HttpError::NotFound),
         () if what_if.chosen.is_empty() => return Err(HttpError::NoneFetched),
-        () if !what_ifs.has_room(&session.user) => return Err(HttpError::StillJudging),
-        () if !console.store.record(record, None).await => return Err(HttpError::Storage),
+        () if !what_ifs.has_room() => return Err(HttpError::StillJudging),
+        () if !view.console.store.record(record, None).await => return Err(HttpError::Storage),
         () => {}
     }
-    let start = move || what_ifs.start(WhatIf { texts, ..what_if });
-    let started = tokio::task::spawn_blocking(start).await.map_err(|_| HttpError::Unavailable)?;
     // Others may have started meanwhile.
-    let number = started.ok_or(HttpError::StillJudging)?;
+    let number = what_ifs.start(WhatIf { texts, ..what_if }).await.ok_or(HttpError::StillJudging)?;
     Ok(match reader.speaks {
         Speaks::Json => json_answer(StatusCode::ACCEPTED, &json!({ "number": number })),
         Speaks::Html => Redirect::to(&format!("/what-ifs/{number}")).into_response(),
@@ -425,23 +412,22 @@ pub async fn start(
 
 /// `POST /what-ifs/NUMBER/cancel`
 pub async fn cancel(
-    State(console): State<Console>,
+    view: View,
     CameFrom(source): CameFrom,
-    SignedIn(session): SignedIn,
     Path(number): Path<String>,
     reader: Reader,
 ) -> Result<Response, HttpError> {
-    let (number, is_open) = console.what_if(&number, |it| (it.number, it.is_open()))?;
+    let what_ifs = view.what_ifs()?;
+    let about = |it: &WhatIf| (it.number, it.is_open(), what_ifs.may_run(it));
+    let (number, is_open, may) = what_ifs.with(&number, about)?;
     let record =
-        Record::of_session(&session, Action::WhatIfCancelled, source).on(format!("what-if {number}"));
-    console.for_engineers(&session, &record).await?;
+        Record::of_session(&view.session, Action::WhatIfCancelled, source).on(format!("what-if {number}"));
+    view.for_engineers(may, &record).await?;
     if is_open {
-        if !console.store.record(record, None).await {
+        if !view.console.store.record(record, None).await {
             return Err(HttpError::Storage);
         }
-        let what_ifs = console.what_ifs()?.clone();
-        let cancel = move || what_ifs.cancel(number);
-        tokio::task::spawn_blocking(cancel).await.map_err(|_| HttpError::Unavailable)?;
+        what_ifs.cancel(number).await;
     }
     Ok(match reader.speaks {
         Speaks::Json => json_answer(StatusCode::ACCEPTED, &json!({})),
@@ -450,30 +436,22 @@ pub async fn cancel(
 }
 
 /// `GET /what-ifs/NUMBER`: the result so far.
-pub async fn page(
-    State(console): State<Console>,
-    SignedIn(session): SignedIn,
-    Path(number): Path<String>,
-    reader: Reader,
-) -> Result<Response, HttpError> {
-    let (lang, user) = (reader.lang, session.user.to_string());
+pub async fn page(view: View, Path(number): Path<String>, reader: Reader) -> Result<Response, HttpError> {
+    let (lang, user) = (reader.lang, view.session.user.to_string());
     let frame = PageFrame::new(lang, reader.palette);
-    let of = |it: &WhatIf| (state_of(it, session.role, lang), it.texts.clone());
-    let (state, texts) = console.what_if(&number, of)?;
+    let what_ifs = view.what_ifs()?;
+    let of = |it: &WhatIf| (state_of(it, &what_ifs, lang), it.texts.clone());
+    let (state, texts) = what_ifs.with(&number, of)?;
     Ok(rendered(&PageHtml { frame, words: ConsoleWords::of(lang), user, state, texts }))
 }
 
 /// `GET /what-ifs/NUMBER/state`: the part of the page that changes.
-pub async fn state(
-    State(console): State<Console>,
-    SignedIn(session): SignedIn,
-    Path(number): Path<String>,
-    reader: Reader,
-) -> Result<Response, HttpError> {
-    Ok(rendered(&console.what_if(&number, |it| state_of(it, session.role, reader.lang))?))
+pub async fn state(view: View, Path(number): Path<String>, reader: Reader) -> Result<Response, HttpError> {
+    let what_ifs = view.what_ifs()?;
+    Ok(rendered(&what_ifs.with(&number, |it| state_of(it, &what_ifs, reader.lang))?))
 }
 
-fn state_of(what_if: &WhatIf, role: Role, lang: Lang) -> StateHtml {
+fn state_of(what_if: &WhatIf, what_ifs: &SeenWhatIfs<'_>, lang: Lang) -> StateHtml {
     let line = Line::of(what_if, lang);
     let rows = |result| {
         let rows = what_if.judged.iter().filter(|it| it.result() == result);
@@ -490,7 +468,7 @@ fn state_of(what_if: &WhatIf, role: Role, lang: Lang) -> StateHtml {
         words: ConsoleWords::of(lang),
         it: IncidentWords::of(lang),
         is_open: what_if.is_open(),
-        is_engineer: role == Role::Engineer,
+        is_engineer: what_ifs.may_run(what_if),
         frame_id: telltale_web::assets::url(lang.as_str()),
         counted: lang.so_many_not_fetched(line.incidents - line.fetched, line.incidents),
         only_newest: only_newest(line.chosen, line.fetched, lang),
@@ -513,14 +491,13 @@ fn state_of(what_if: &WhatIf, role: Role, lang: Lang) -> StateHtml {
 
 /// `GET /api/v1/what-ifs?format`: all that are kept, the newest first.
 pub async fn all(
-    State(console): State<Console>,
-    _: SignedIn,
+    view: View,
     Asked(asked): Asked<TableAsked>,
     reader: Reader,
     headers: HeaderMap,
 ) -> Response {
     let rows: Vec<Line> =
-        console.what_ifs.iter().flat_map(|it| it.each(|it| Line::of(it, reader.lang))).collect();
+        view.what_ifs().iter().flat_map(|it| it.each(|it| Line::of(it, reader.lang))).collect();
     let columns = &[
         "number",
         "group",
@@ -543,14 +520,13 @@ pub async fn all(
 
 /// `GET /api/v1/what-ifs/NUMBER?format`: the result so far; a CSV has the rows alone.
 pub async fn one(
-    State(console): State<Console>,
-    _: SignedIn,
+    view: View,
     Path(number): Path<String>,
     Asked(asked): Asked<TableAsked>,
     reader: Reader,
     headers: HeaderMap,
 ) -> Result<Response, HttpError> {
-    let answer = console.what_if(&number, |it| Answer {
+    let answer = view.what_ifs()?.with(&number, |it| Answer {
         line: Line::of(it, reader.lang),
         differences: it.differences.clone(),
         problems: match &it.progress {

@@ -1,5 +1,6 @@
 //! Sessions: their tokens, their users, their time, and the operator in charge of the vehicle.
 
+pub(super) mod guests;
 pub(super) mod operator_change;
 pub(super) mod places;
 pub(super) mod table;
@@ -17,6 +18,7 @@ use super::audit::Record;
 use super::audit::known::Mark;
 use super::database::from_unix_ms;
 use super::{Database, Role, Store, StoreError, Verified};
+use guests::Grants;
 use table::Row;
 use telltale_clock::unix_ms;
 use telltale_engine::model::Stage;
@@ -51,6 +53,8 @@ pub struct Session {
     pub user: Arc<str>,
     pub role: Role,
     pub kind: SessionKind,
+    /// Of a guest; the role of a user counts for all vehicles.
+    pub(super) grants: Option<Arc<Grants>>,
     /// On the monotonic clock, so a stepped wall clock ends no session.
     pub expires: Timestamp,
     /// The last activity of its holder, in nanoseconds of the monotonic clock; negative if before the start

@@ -7,7 +7,8 @@ use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 use tokio::sync::watch;
 
-use super::{Key, nanos, span};
+use super::guests::{GUESTS_MAX, Grants};
+use super::{Key, SESSIONS_PER_USER, nanos, span};
 use crate::{Role, SESSION_LIFE, Session, SessionKind, Verified};
 use telltale_engine::time::Timestamp;
 
@@ -97,14 +98,35 @@ impl Sessions {
         }
     }
 
+    /// Adds a session that is in no database. If it is one too many, of its guest or of all, the oldest ends.
+    pub(crate) fn add_guest(&self, row: Row, grants: Arc<Grants>, now: Timestamp) -> Session {
+        let mut table = self.write();
+        table.open.retain(|_, open| !open.is_of_guest() || open.session.expires > now);
+        let own = |session: &Session| *session.user == *row.user;
+        while table.guests().filter(|it| own(it)).count() >= SESSIONS_PER_USER {
+            table.end_oldest_guest(own);
+        }
+        while table.guests().count() >= GUESTS_MAX {
+            table.end_oldest_guest(|_| true);
+        }
+        let key = row.key;
+        let mut open = Open::new(row);
+        open.session.grants = Some(grants);
+        let session = open.session.clone();
+        table.open.insert(key, open);
+        session
+    }
+
     /// Updates the table from the database. Sessions that stay keep their deadline; removed sessions end at
-    /// once, and sessions that ended here stay ended.
+    /// once, and sessions that ended here stay ended. Those of guests are in no database.
     pub(crate) fn align(&self, rows: Vec<Row>) {
         let mut table = self.write();
         table.alignment += 1;
         let keys: HashSet<Key> = rows.iter().map(|row| row.key).collect();
         table.ended.retain(|key| keys.contains(key));
-        let mut before = std::mem::take(&mut table.open);
+        let before = std::mem::take(&mut table.open);
+        let (guests, mut before) = before.into_iter().partition(|(_, open)| open.is_of_guest());
+        table.open = guests;
         for row in rows {
             let same = |open: &Open| *open.session.user == *row.user && open.session.role == row.role;
             let open = before.remove(&row.key).filter(same);
@@ -125,13 +147,30 @@ impl Sessions {
     }
 }
 
+impl Table {
+    fn guests(&self) -> impl Iterator<Item = &Session> {
+        self.open.values().map(|open| &open.session).filter(|session| session.is_of_guest())
+    }
+
+    fn end_oldest_guest(&mut self, among: impl Fn(&Session) -> bool) {
+        let oldest = self.guests().filter(|it| among(it)).min_by_key(|it| it.expires);
+        if let Some(key) = oldest.map(|it| it.key) {
+            self.open.remove(&key);
+        }
+    }
+}
+
 impl Open {
+    fn is_of_guest(&self) -> bool {
+        self.session.is_of_guest()
+    }
+
     fn new(row: Row) -> Open {
         let (ends, ended) = watch::channel(());
         let Row { key, user, role, kind, expires, used, .. } = row;
         let used = Arc::new(AtomicI64::new(used));
-        let session =
-            Session { key, user: Arc::from(user), role, kind, expires, used, places: Arc::default(), ended };
+        let (user, grants, places) = (Arc::from(user), None, Arc::default());
+        let session = Session { key, user, role, kind, grants, expires, used, places, ended };
         Open { session, _ends: ends }
     }
 }

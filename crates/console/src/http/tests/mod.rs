@@ -1,5 +1,6 @@
 //! Routes and methods: none acts, and each asks for a session where it shows something.
 
+mod guests;
 #[path = "../../../../../tests/it/schemas.rs"]
 #[allow(dead_code, reason = "the tests of a vehicle's interface use the rest")]
 mod schemas;
