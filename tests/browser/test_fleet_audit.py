@@ -3,62 +3,36 @@ that was put back, which the vehicle's own files do not show. An engineer fetche
 
 import hashlib
 import json
-import os
 import re
 import shutil
-import subprocess
 
 import pytest
 from playwright.sync_api import expect
 
 from accessible import violations
+from hub import CONFIG, running_console, running_hub, telltale
 from operating import enter
-from programs import Program
-from vehicle import STARTUP_S, TELLTALE, Client, Server, free_port, own_domain, until
+from vehicle import Client, Server, own_domain, until
 
 # The vehicle looks for new records every 30 s.
 pytestmark = pytest.mark.timed
 
 ID = "shuttle-03"
-NATS = os.environ.get("TELLTALE_NATS_SERVER") or "nats-server"
-CONFIG = """vehicle: {{ id: shuttle-03, stages: none }}
-fleet: {{ hub: '{url}', credentials: {hub}/shuttle-03.nk, ca: {hub}/hub.pem }}
-groups:
-  - {{ id: sensors, modules: [{{ id: lidar, status: lidar, timeout: 1h }}] }}
-"""
 # What holds the audit log, with its head and its key. The outbox to the fleet stays.
 LOG = ("telltale.db", "telltale.db-wal", "telltale.db-shm", "audit.head", "audit.key")
 TOLD_S = 60
 
 
-def telltale(*words):
-    done = subprocess.run([TELLTALE, *map(str, words)], capture_output=True, text=True, timeout=60)
-    return done.stdout + done.stderr, done.returncode
-
-
 @pytest.fixture
 def hub(tmp_path):
-    folder, url = tmp_path / "hub", f"tls://127.0.0.1:{free_port()}"
-    for words in (["hub-config", folder, "--listen", url.removeprefix("tls://"), "--disk", 1], ["enrol", ID, "--dir", folder]):
-        said, code = telltale("fleet", *words)
-        assert code == 0, said
-    server = Program("env", "-C", folder, NATS, "-c", "nats-server.conf", log=tmp_path / "hub.log")
-    streams = lambda: telltale("fleet", "streams", "--dir", folder, "--hub", url, "--disk", 1)
-    until(lambda: streams()[1] == 0, STARTUP_S, lambda: f"the hub starts: {streams()}")
-    yield folder, url
-    server.kill()
+    with running_hub(tmp_path, ID) as hub:
+        yield hub
 
 
 @pytest.fixture
 def console_server(hub, tmp_path):
-    folder, url = hub
-    data = tmp_path / "console"
-    data.mkdir()
-    server = Server(data, own_domain(), "console")
-    words = [TELLTALE, "fleet", "serve", "--hub", url, "--credentials", folder / "console.nk", "--data", data]
-    server.run([*words, "--listen", f"127.0.0.1:{server.port}"])
-    yield server
-    assert server.stop() == 0, server.read_log()
+    with running_console(tmp_path, hub) as server:
+        yield server
 
 
 @pytest.fixture
@@ -91,7 +65,7 @@ def test_an_audit_log_that_was_put_back_is_found(hub, console, tmp_path):
     data, old = tmp_path / "vehicle", tmp_path / "old"
     data.mkdir()
     config = tmp_path / "vehicle.yaml"
-    config.write_text(CONFIG.format(url=url, hub=folder))
+    config.write_text(CONFIG.format(id=ID, module="lidar", url=url, hub=folder))
     drive(data, config, console, lambda: last(console) > 0)
     shutil.copytree(data, old)
     records = int(telltale("audit", "verify", "--data", old)[0].split()[1])
@@ -123,7 +97,7 @@ def test_an_engineer_fetches_a_recording(hub, console_server, page, tmp_path):
     folder, url = hub
     data, config = tmp_path / "vehicle", tmp_path / "vehicle.yaml"
     data.mkdir()
-    config.write_text(CONFIG.format(url=url, hub=folder) + "recording: { after: 1s }\n")
+    config.write_text(CONFIG.format(id=ID, module="lidar", url=url, hub=folder) + "recording: { after: 1s }\n")
     for role in ("engineer", "control_room"):
         console_server.add_user(role, "three words apart", role)
     vehicle = Server(data, own_domain(), config=config)

@@ -66,6 +66,40 @@ fn metrics_stay_on_this_machine_unless_that_is_asked_for() {
 }
 
 #[test]
+fn a_login_at_an_issuer_that_cannot_work_is_told() {
+    let data = folder("oidc");
+    let secret = data.join("secret");
+    std::fs::write(&secret, "word").expect("the folder is there");
+    let readable = std::os::unix::fs::PermissionsExt::from_mode(0o644);
+    std::fs::set_permissions(&secret, readable).expect("it is there");
+    let (data, secret) = (data.to_str().expect("a path"), secret.to_str().expect("a path"));
+    let serve =
+        ["fleet", "serve", "--hub", "tls://127.0.0.1:1", "--credentials", "/nowhere.nk", "--data", data];
+    let issuer = ["--oidc", "https://id.example", "--oidc-client", "fleet"];
+    let granted = ["--oidc-grant", "north=engineer"];
+    let said: &[(&[&str], &[&str])] = &[
+        (&issuer[..2], &["--oidc-client <ID>", "--oidc-grant <VALUE=ROLE[:NAME,...]>"]),
+        (&issuer, &["--oidc-grant <VALUE=ROLE[:NAME,...]>"]),
+        (&granted, &["--oidc <ISSUER>"]),
+        (&["--oidc", "http://id.example"], &["plain HTTP only reaches an issuer on this machine"]),
+        (&["--oidc", "id.example"], &["https://id.example/realms/fleet"]),
+        (
+            &["--oidc-grant", "north=operator"],
+            &["control_room, engineer, authority", "fleet-engineers=engineer"],
+        ),
+        (&["--oidc-grant", "north=engineer:Bus"], &["can be no name of a vehicle"]),
+        (
+            &[&issuer[..], &granted, &["--oidc-secret", secret]].concat(),
+            &["may be read by others", "chmod 600"],
+        ),
+        (&[&issuer[..], &granted, &["--oidc-ca", secret]].concat(), &["holds no certificate", "PEM"]),
+    ];
+    for (words, said) in said {
+        refuses(&[&serve[..], words].concat(), said);
+    }
+}
+
+#[test]
 fn a_port_in_use_and_an_address_of_others_are_told() {
     let taken = TcpListener::bind("127.0.0.1:0").expect("some port is free");
     let address = taken.local_addr().expect("it is bound").to_string();

@@ -5,6 +5,7 @@ pub mod follow;
 pub mod history;
 pub mod http;
 pub mod kept;
+pub mod oidc;
 pub mod past;
 pub mod recordings;
 pub mod state;

@@ -79,10 +79,10 @@ pub use view::DemoFault;
 /// What a fleet's console has in common with a vehicle's server.
 pub mod common {
     pub use crate::admission::login_throttle::{Source, Throttle};
-    pub use crate::admission::peer::{CameFrom, source_of};
+    pub use crate::admission::peer::{CameFrom, network, source_of};
     pub use crate::api::query::{Asked, Moment};
     pub use crate::api::table::{Format, Table};
-    pub use crate::auth::login::{DEVICE_LIFE, set_cookie};
+    pub use crate::auth::login::{DEVICE_LIFE, set_cookie, set_lax_cookie};
     pub use crate::developer::incidents::what_if::{Row as JudgedRow, sent as sent_configuration};
     pub use crate::http::guard::{
         SignedIn, admitted, bearer, device_cookie_name, has_own_origin, one_session,

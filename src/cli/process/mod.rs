@@ -1,6 +1,7 @@
 //! The process around a command: its log, its place in the DDS network, the signals that end it, the lock on its data
-//! folder, the line to a hub, and the files, folders and certificates that commands make.
+//! folder, the lines to a hub and to an issuer of logins, and the files, folders and certificates that commands make.
 
+pub mod believing;
 pub mod certificate;
 pub mod data_folder;
 pub mod dds;
@@ -8,4 +9,5 @@ pub mod hub_flags;
 pub mod hub_folder;
 pub mod log;
 pub mod new_file;
+pub mod oidc_flags;
 pub mod shutdown_signal;

@@ -15,11 +15,13 @@ use super::server::metrics::{MetricsFlags, MetricsListener};
 use super::server::{self, CLOSED_WITHIN, RECORDED_WITHIN, what_if};
 use crate::cli::fields::DefinitionFlags;
 use crate::cli::process::hub_flags::HubFlags;
+use crate::cli::process::oidc_flags::OidcFlags;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
 use crate::cli::process::{data_folder, log};
 use crate::clock::Clock;
 use crate::console::follow::Shared;
 use crate::console::http::{Console, router};
+use crate::console::oidc::{self, Oidc};
 use crate::console::{kept, recordings};
 use crate::fleet::identity::Identity;
 use crate::fleet::line::Hub;
@@ -57,6 +59,8 @@ pub struct Args {
     #[arg(long, conflicts_with = "tls_cert")]
     insecure_http: bool,
     #[command(flatten)]
+    oidc: OidcFlags,
+    #[command(flatten)]
     metrics: MetricsFlags,
     #[command(flatten)]
     definitions: DefinitionFlags,
@@ -70,6 +74,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 async fn serve(args: &Args) -> anyhow::Result<ExitCode> {
     let mut signal = ShutdownSignal::listen()?;
     let clock = Clock::start();
+    let oidc = args.oidc.read()?;
     let (hub, identity) = args.hub.read()?;
     let tls = match (&args.tls_cert, &args.tls_key) {
         (Some(certificate), Some(key)) => Some(Tls::load(certificate, key)?),
@@ -83,7 +88,7 @@ async fn serve(args: &Args) -> anyhow::Result<ExitCode> {
     for file in exposed(&args.data, args.tls_key.as_deref()) {
         tracing::warn!("{file}");
     }
-    if matches!(store.has_users().await, Ok(false)) {
+    if oidc.is_none() && matches!(store.has_users().await, Ok(false)) {
         let data = args.data.display();
         tracing::warn!(
             "there are no users yet, so nobody can log in. Add one, while this runs: \
@@ -95,7 +100,7 @@ async fn serve(args: &Args) -> anyhow::Result<ExitCode> {
     let data = args.data.clone();
     let examiner = what_if::examiner(args.definitions.definitions());
     let running =
-        Running { hub, identity, store, kept, examiner, data, listener, tls, origins, metrics, clock };
+        Running { hub, identity, store, kept, examiner, data, listener, tls, origins, oidc, metrics, clock };
     running.run(&mut signal).await?;
     Ok(ExitCode::SUCCESS)
 }
@@ -115,6 +120,8 @@ pub struct Running {
     pub tls: Option<Tls>,
     /// Addresses by which browsers reach it, beside that of the listener.
     pub origins: Vec<String>,
+    /// The issuer at which people log in too.
+    pub oidc: Option<oidc::Settings>,
     pub metrics: Option<MetricsListener>,
     pub clock: Clock,
 }
@@ -125,8 +132,20 @@ impl Running {
     /// # Errors
     /// An origin is none, or what was kept cannot be read.
     pub async fn run(self, signal: &mut ShutdownSignal) -> anyhow::Result<Instant> {
-        let Running { hub, identity, store, kept, examiner, data, listener, tls, origins, metrics, clock } =
-            self;
+        let Running {
+            hub,
+            identity,
+            store,
+            kept,
+            examiner,
+            data,
+            listener,
+            tls,
+            origins,
+            oidc,
+            metrics,
+            clock,
+        } = self;
         let shared = Shared::new(kept.fleet()?, clock);
         let address = listener.local_addr().context("the listener has no address")?;
         let origins = server::known_origins(address, tls.is_some(), &origins)?;
@@ -140,11 +159,17 @@ impl Running {
         let metrics = metrics.map(|it| it.serve(Arc::new(move || metrics::console::text(&written))));
         tracing::info!("the console is at {}", server::url(address, tls.is_some()));
         let console = Console::new(shared, store.clone(), &data, origins, tls.is_some());
-        let console = console.with_what_ifs(&data, examiner);
+        let oidc = oidc.map(|settings| Arc::new(Oidc::new(settings, clock)));
+        // An issuer that is away is said in the log, and asked again at a login.
+        let asking = oidc.clone().map(|oidc| tokio::spawn(async move { oidc.issuer().await.is_ok() }));
+        let console = console.with_what_ifs(&data, examiner).with_oidc(oidc);
         let requested = serve_router(listener, tls, router(console), clock, signal.requested()).await;
 
         following.abort();
         fetching.abort();
+        if let Some(asking) = asking {
+            asking.abort();
+        }
         if let Some(metrics) = metrics {
             metrics.abort();
         }

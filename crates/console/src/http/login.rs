@@ -67,7 +67,9 @@ struct LoginHtml {
     frame: PageFrame,
     words: &'static ConsoleWords,
     name: String,
-    failure: Option<&'static str>,
+    failure: Option<String>,
+    /// The words of the button that leads to the issuer.
+    issuer: Option<String>,
 }
 
 /// `GET /login`
@@ -80,14 +82,22 @@ pub async fn page(
         return Redirect::to("/").into_response();
     }
     let words = ConsoleWords::of(reader.lang);
-    let nobody = matches!(console.store.has_users().await, Ok(false));
-    html(&reader, "", nobody.then_some(words.no_users), StatusCode::OK)
+    let nobody = console.oidc.is_none() && matches!(console.store.has_users().await, Ok(false));
+    let failure = nobody.then(|| words.no_users.to_owned());
+    html(&console, &reader, "", failure, StatusCode::OK)
 }
 
-fn html(reader: &Reader, name: &str, failure: Option<&'static str>, status: StatusCode) -> Response {
+fn html(
+    console: &Console,
+    reader: &Reader,
+    name: &str,
+    failure: Option<String>,
+    status: StatusCode,
+) -> Response {
     let frame = PageFrame::new(reader.lang, reader.palette);
     let words = ConsoleWords::of(reader.lang);
-    let page = LoginHtml { frame, words, name: clean(name, NAME), failure };
+    let issuer = console.oidc.as_ref().map(|oidc| reader.lang.log_in_with(oidc.host()));
+    let page = LoginHtml { frame, words, name: clean(name, NAME), failure, issuer };
     match page.render() {
         Ok(page) => (status, Html(page)).into_response(),
         Err(_) => HttpError::Unavailable.into_response(),
@@ -135,10 +145,10 @@ pub async fn login(
     let name = if known { form.name.as_str() } else { "(unknown name)" };
     let record = Record::of(Action::Login, source.to_string()).on(name).refused(failure.as_str());
     console.store.record(record.by_anybody(Caller::Elsewhere), None).await;
-    failed(&reader, &form.name, &failure)
+    failed(&console, &reader, &form.name, &failure)
 }
 
-fn failed(reader: &Reader, name: &str, failure: &Failure) -> Response {
+fn failed(console: &Console, reader: &Reader, name: &str, failure: &Failure) -> Response {
     let words = ConsoleWords::of(reader.lang);
     let text = match failure {
         Failure::Wrong => words.login_wrong,
@@ -146,14 +156,26 @@ fn failed(reader: &Reader, name: &str, failure: &Failure) -> Response {
         Failure::Role => words.login_role,
         Failure::Unavailable => words.login_unavailable,
     };
-    let mut answer = match reader.speaks {
-        Speaks::Json => json_answer(failure.status(), &json!({ "error": failure.as_str() })),
-        Speaks::Html => html(reader, name, Some(text), failure.status()),
-    };
+    let mut answer = refused(console, reader, name, text, failure.as_str(), failure.status());
     if let Failure::Wait(wait) = failure {
         answer.headers_mut().insert(RETRY_AFTER, wait.as_millis().div_ceil(1000).into());
     }
     answer
+}
+
+/// The page of the login with why it did not work, or the reason for programs.
+pub fn refused(
+    console: &Console,
+    reader: &Reader,
+    name: &str,
+    text: &str,
+    why: &str,
+    status: StatusCode,
+) -> Response {
+    match reader.speaks {
+        Speaks::Json => json_answer(status, &json!({ "error": why })),
+        Speaks::Html => html(console, reader, name, Some(text.to_owned()), status),
+    }
 }
 
 /// The cookie of a browser from which this user logged in before.

@@ -8,6 +8,7 @@ mod history;
 mod incidents;
 mod log;
 mod login;
+mod oidc;
 mod operations;
 mod page;
 mod recordings;
@@ -40,6 +41,7 @@ use operations as op;
 pub use operations::document as openapi;
 
 use crate::follow::Shared;
+use crate::oidc::{BACK, Oidc};
 use view::Everything;
 
 /// The time for a whole request.
@@ -56,6 +58,8 @@ pub struct Console {
     /// Browsers connect over TLS, so cookies are marked for TLS only.
     secure: bool,
     throttle: Arc<Mutex<Throttle>>,
+    /// `None`: only users who are kept here log in.
+    oidc: Option<Arc<Oidc>>,
 }
 
 impl Console {
@@ -63,12 +67,17 @@ impl Console {
     pub fn new(shared: Shared, store: Store, data: &Path, origins: Origins, secure: bool) -> Console {
         let clock = shared.clock;
         let (fleet, origins) = (Everything::new(shared, data), Arc::new(origins));
-        Console { fleet, store, clock, origins, secure, throttle: Arc::default() }
+        Console { fleet, store, clock, origins, secure, throttle: Arc::default(), oidc: None }
     }
 
     /// With what-ifs, which it keeps in its data folder.
     pub fn with_what_ifs(self, data: &Path, examiner: Examiner) -> Console {
         Console { fleet: self.fleet.with_what_ifs(data, examiner), ..self }
+    }
+
+    /// With logins at an issuer.
+    pub fn with_oidc(self, oidc: Option<Arc<Oidc>>) -> Console {
+        Console { oidc, ..self }
     }
 }
 
@@ -114,6 +123,8 @@ fn routes() -> Vec<Route> {
         on("/what-ifs/{number}/state", get(what_ifs::state)),
         on("/what-ifs/{number}/cancel", post(what_ifs::cancel)).told(op::WHAT_IF_CANCEL),
         on("/login", get(login::page).post(login::login)),
+        on("/login/oidc", get(oidc::begin)),
+        on(BACK, get(oidc::back)),
         on("/logout", post(login::logout)),
         on("/api/v1/vehicles", get(answers::vehicles)).told(op::VEHICLES),
         on("/api/v1/vehicles/{id}/snapshot", get(answers::snapshot)).told(op::SNAPSHOT),

@@ -355,8 +355,23 @@ pub fn set_cookie(
     value: &str,
     life: Duration,
 ) {
-    let (name, age_s, suffix) = (name(secure), life.as_secs(), if secure { "; Secure" } else { "" });
-    let cookie = format!("{name}={value}; Path=/; Max-Age={age_s}; HttpOnly; SameSite=Strict{suffix}");
+    append_cookie(answer, secure, name(secure), value, life, "Strict");
+}
+
+/// The same for a cookie that also comes when a page elsewhere leads here.
+pub fn set_lax_cookie(
+    answer: &mut Response,
+    secure: bool,
+    name: fn(bool) -> &'static str,
+    value: &str,
+    life: Duration,
+) {
+    append_cookie(answer, secure, name(secure), value, life, "Lax");
+}
+
+fn append_cookie(answer: &mut Response, secure: bool, name: &str, value: &str, life: Duration, site: &str) {
+    let (age_s, suffix) = (life.as_secs(), if secure { "; Secure" } else { "" });
+    let cookie = format!("{name}={value}; Path=/; Max-Age={age_s}; HttpOnly; SameSite={site}{suffix}");
     let cookie = HeaderValue::try_from(cookie).expect("names and hexadecimal digits are visible ASCII");
     answer.headers_mut().append(SET_COOKIE, cookie);
 }

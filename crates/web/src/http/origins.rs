@@ -76,6 +76,17 @@ impl Origins {
         self.hosts.iter().any(|known| known.eq_ignore_ascii_case(host))
     }
 
+    /// The origin that goes with a `Host` header; that over TLS, if there are two.
+    pub fn of_host(&self, host: &str) -> Option<&str> {
+        let is_of = |origin: &&String| {
+            let (scheme, own) = origin.split_once("://").unwrap_or_default();
+            let host = host.strip_suffix(if scheme == "https" { ":443" } else { ":80" }).unwrap_or(host);
+            own.eq_ignore_ascii_case(host)
+        };
+        let origin = self.origins.iter().filter(is_of).max_by_key(|it| it.starts_with("https:"));
+        origin.map(String::as_str)
+    }
+
     /// One name of this server.
     pub fn own_host(&self) -> &str {
         self.hosts.first().map_or("", String::as_str)
@@ -129,6 +140,24 @@ mod tests {
         for (address, origin, expected) in cases {
             let origins = Origins::of_listener(address.parse().unwrap(), false);
             assert_eq!(origins.has(origin), expected, "{address} {origin}");
+        }
+    }
+
+    #[test]
+    fn a_host_leads_to_a_configured_origin() {
+        let mut origins = Origins::of_listener("127.0.0.1:8080".parse().unwrap(), false);
+        origins.add("https://fleet.example").unwrap();
+        origins.add("http://fleet.example").unwrap();
+        for (host, origin) in [
+            ("localhost:8080", Some("http://localhost:8080")),
+            ("Fleet.example", Some("https://fleet.example")),
+            ("fleet.example:443", Some("https://fleet.example")),
+            ("fleet.example:80", Some("http://fleet.example")),
+            ("fleet.example:8080", None),
+            ("localhost", None),
+            ("", None),
+        ] {
+            assert_eq!(origins.of_host(host), origin, "{host}");
         }
     }
 

@@ -9,6 +9,11 @@ texts! {
         login_wait: "Too many tries. Wait a moment.", "Zu viele Versuche. Kurz warten.";
         login_role: "This user is one of a vehicle. Log in there.", "Dieser Benutzer gehört zu einem Fahrzeug. Dort anmelden.";
         login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
+        issuer_away: "The login service does not answer. Try again, or log in with a password.", "Der Anmeldedienst antwortet nicht. Noch einmal versuchen oder mit Passwort anmelden.";
+        issuer_unbelieved: "The answer of the login service is not valid. Try again; the console's log says more.", "Die Antwort des Anmeldedienstes ist nicht gültig. Noch einmal versuchen; das Protokoll der Konsole sagt mehr.";
+        login_stale: "This login is over, or was begun in another browser. Begin again.", "Diese Anmeldung ist vorbei oder begann in einem anderen Browser. Noch einmal beginnen.";
+        logged_in: "Logged in", "Angemeldet";
+        to_the_fleet: "To the fleet", "Zur Flotte";
 
         lost_contact: "Lost contact", "Kontakt verloren";
         never_heard: "Never heard", "Nie gehört";
@@ -102,6 +107,12 @@ texts! {
         gap_disk: "the vehicle's disk failed", "der Speicher des Fahrzeugs hat versagt";
         gap_too_large: "too large to be sent", "zu groß zum Senden";
     }
+
+    text log_in_with(issuer: &str) { "Log in with {issuer}", "Anmelden mit {issuer}" }
+
+    text issuer_refused(issuer: &str) { "{issuer} did not log you in. Try again.", "{issuer} hat Sie nicht angemeldet. Noch einmal versuchen." }
+
+    text no_role_here(name: &str) { "You are logged in as {name}, but have no role here. Ask who runs this console for one.", "Sie sind als {name} angemeldet, haben hier aber keine Rolle. Bitte beim Betreiber der Konsole erfragen." }
 
     text so_many_found(count: usize) {
         1 => "One vehicle found.", "Ein Fahrzeug gefunden.";

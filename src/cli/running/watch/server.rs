@@ -12,9 +12,7 @@ use axum::http::header::{ACCEPT, AUTHORIZATION, CONTENT_TYPE, COOKIE, HOST, ORIG
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Request, Response, StatusCode, Uri};
 use hyper::client::conn::http1;
 use hyper_util::rt::TokioIo;
-use rustls::pki_types::pem::PemObject as _;
-use rustls::pki_types::{CertificateDer, ServerName};
-use rustls::{ClientConfig, RootCertStore};
+use rustls::pki_types::ServerName;
 use serde_json::Value;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
@@ -22,6 +20,7 @@ use tokio::time::timeout;
 use tokio_rustls::TlsConnector;
 
 use super::Usage;
+use crate::cli::process::believing::believing;
 use crate::store::Role;
 use crate::web::cookie_name;
 use crate::web::texts::{MESSAGE, clean};
@@ -120,7 +119,7 @@ impl Server {
             true => {
                 let name =
                     ServerName::try_from(url.host.clone()).with_context(|| format!("{url} names no host"))?;
-                Some((TlsConnector::from(Arc::new(believing(ca)?)), name))
+                Some((TlsConnector::from(Arc::new(believing(ca, "--ca")?)), name))
             }
             false => None,
         };
@@ -221,35 +220,6 @@ impl Server {
     fn origin(&self) -> anyhow::Result<(HeaderName, HeaderValue)> {
         Ok((ORIGIN, HeaderValue::try_from(self.url.to_string())?))
     }
-}
-
-/// A client that believes the certificates of a file, or those of the system.
-fn believing(ca: Option<&Path>) -> anyhow::Result<ClientConfig> {
-    let mut roots = RootCertStore::empty();
-    match ca {
-        Some(file) => {
-            let found = CertificateDer::pem_file_iter(file)
-                .and_then(|found| found.collect::<Result<Vec<_>, _>>())
-                .with_context(|| format!("{} cannot be read as PEM", file.display()))?;
-            for certificate in found {
-                roots
-                    .add(certificate)
-                    .with_context(|| format!("{} holds no usable certificate", file.display()))?;
-            }
-            if roots.is_empty() {
-                bail!("{} holds no certificate. It must be PEM: -----BEGIN CERTIFICATE-----", file.display());
-            }
-        }
-        None => {
-            roots.add_parsable_certificates(rustls_native_certs::load_native_certs().certs);
-            if roots.is_empty() {
-                bail!("this system has no certificates to believe a server by: name some with --ca FILE");
-            }
-        }
-    }
-    let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let builder = ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions()?;
-    Ok(builder.with_root_certificates(roots).with_no_client_auth())
 }
 
 /// The `name=value` of the session's cookie.

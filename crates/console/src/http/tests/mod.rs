@@ -1,12 +1,14 @@
 //! Routes and methods: none acts, and each asks for a session where it shows something.
 
 mod guests;
+mod oidc;
 #[path = "../../../../../tests/it/schemas.rs"]
 #[allow(dead_code, reason = "the tests of a vehicle's interface use the rest")]
 mod schemas;
 mod what_ifs;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use axum::Router;
 use axum::body::{Body, to_bytes};
@@ -27,6 +29,7 @@ use tower::ServiceExt as _;
 
 use super::{Console, router};
 use crate::follow::Shared;
+use crate::oidc::Oidc;
 use crate::state::{Arrived, Fleet};
 use schemas::Strict;
 
@@ -41,6 +44,10 @@ async fn console() -> (Router, Shared, Store) {
 async fn console_in(data: &Path) -> (Router, Shared, Store) {
     let (clock, hand) = Clock::standing();
     hand.advance(Span::from_secs(1000));
+    console_with(data, clock, None).await
+}
+
+async fn console_with(data: &Path, clock: Clock, oidc: Option<Arc<Oidc>>) -> (Router, Shared, Store) {
     let store = Store::in_memory(clock, DemoSecrets::Refused).unwrap();
     for role in [Role::ControlRoom, Role::Engineer, Role::Authority, Role::Developer] {
         store.add_user(role.as_str(), role, SECRET).await.unwrap();
@@ -87,7 +94,7 @@ async fn console_in(data: &Path) -> (Router, Shared, Store) {
     let origins = Origins::of_listener("127.0.0.1:8080".parse().unwrap(), false);
     let examiner = Examiner(Box::new(|_, _| Err(Vec::new())));
     let console = Console::new(shared.clone(), store.clone(), data, origins, false);
-    (router(console.with_what_ifs(data, examiner)), shared, store)
+    (router(console.with_what_ifs(data, examiner).with_oidc(oidc)), shared, store)
 }
 
 async fn ask(router: &Router, method: Method, path: &str, cookie: &str, body: &str) -> Response {

@@ -92,6 +92,7 @@ async fn fleet(args: &Args, count: u32) -> anyhow::Result<ExitCode> {
         listener,
         tls: None,
         origins: Vec::new(),
+        oidc: None,
         metrics,
         clock,
     };
