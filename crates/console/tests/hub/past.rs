@@ -189,3 +189,34 @@ async fn a_vehicle_is_shown_as_it_was_and_what_is_missing_is_not_known() {
     assert_eq!(console.html("/vehicles/b?at=0").await.0, StatusCode::NOT_FOUND);
     console.end().await;
 }
+
+#[tokio::test]
+async fn a_clock_that_was_ahead_for_a_while_hides_nothing_that_came_after_it() {
+    let mut hub = Hub::start("ahead").await;
+    hub.enrol("a");
+    let data = TempDir::new().unwrap();
+    let console = Running::start(&hub, &data).await;
+    let (id, key) = (VehicleId::new("a").unwrap(), Identity::read(&hub.key_file("a")).unwrap());
+    let line = Line::open(&hub.address(), &id, &key).await.unwrap();
+    let now_ms = unix_ms(Clock::start().wall());
+    let shown = |state| NodeStates { stage: Stage::Active, nodes: vec![node("sensors", state, None)] };
+    let told = [
+        (now_ms - 600_000, Content::Keyframe(shown(State::Ok))),
+        (now_ms + 365 * 86_400_000, Content::Delta(shown(State::Ok))),
+        (now_ms - 300_000, Content::Delta(shown(State::Error))),
+    ];
+    for (n, (at, content)) in (1..).zip(told) {
+        let message = Message { epoch: Epoch { start: 7, nonce: 9 }, n, at, content };
+        let packed =
+            Batch::pack(&id, key.public(), at, &[&serde_json::to_string(&message).unwrap()]).unwrap();
+        assert_eq!(line.requests().log(n - 1, packed).await, Answer::Stored(n));
+    }
+    console.vehicle_with("the vehicle", |it| it["id"] == "a").await;
+    let from = time(now_ms - 400_000);
+    let (_, history) =
+        console.get(&format!("/api/v1/vehicles/a/history?from={from}&to={}", time(now_ms))).await;
+    assert_eq!((&history["whole"], &history["messages"][0]["n"]), (&true.into(), &3.into()), "{history}");
+    let (_, then) = console.get(&format!("/api/v1/vehicles/a/snapshot?at={}", time(now_ms - 200_000))).await;
+    assert_ne!((&then["contact"], &then["overall"]), (&"live".into(), &"ok".into()), "{then}");
+    assert_eq!(then["contact"], "lost", "the vehicle's clock ran back over this moment");
+}
