@@ -192,7 +192,7 @@ pub struct Cause {
     pub words: String,
 }
 
-/// The stage, and what nodes show: all of them, or those that changed.
+/// The stage, and the states of all nodes or of the changed ones.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NodeStates {
     pub stage: Stage,

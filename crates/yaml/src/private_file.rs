@@ -15,7 +15,7 @@ pub fn make_folder(folder: &Path) -> io::Result<()> {
     DirBuilder::new().recursive(true).mode(0o700).create(folder)
 }
 
-/// Makes a file that only its owner may read, whatever the umask: it holds hashes of secrets. An existing
+/// Makes a file that only its owner may read, also with a wide umask: it holds hashes of secrets. An existing
 /// file is not opened: closing it would release the locks of this process on it.
 ///
 /// # Errors
@@ -31,7 +31,7 @@ pub fn make_private_file(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Writes a file that only its owner may read, whatever the umask and an earlier file. After a loss of power the old or
+/// Writes a file that only its owner may read, even if another file was there. After a loss of power the old or
 /// the new one is there, whole.
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! The certificates by which a client here believes a server.
+//! The certificates that a client here believes.
 
 use std::path::Path;
 use std::sync::Arc;

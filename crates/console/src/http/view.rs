@@ -200,7 +200,7 @@ impl Seen<'_> {
     }
 }
 
-/// The what-ifs over groups of which a session sees every vehicle.
+/// The what-ifs that a session sees: it sees every vehicle of their groups.
 pub struct SeenWhatIfs<'a> {
     all: &'a Arc<WhatIfs>,
     session: &'a Session,
@@ -209,7 +209,7 @@ pub struct SeenWhatIfs<'a> {
 impl SeenWhatIfs<'_> {
     fn sees(&self, what_if: &WhatIf) -> bool {
         let is_whole = || what_if.vehicles.iter().all(|id| self.session.sees(id));
-        // Those of an older version do not say which vehicles they are over.
+        // A what-if of an older version does not name its vehicles.
         !self.session.is_of_guest() || !what_if.vehicles.is_empty() && is_whole()
     }
 

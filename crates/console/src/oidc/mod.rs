@@ -126,7 +126,7 @@ impl Failure {
 pub struct Person {
     /// With the issuer's host, so that no user here has this name.
     pub name: String,
-    /// By which the issuer knows the person, for the audit log.
+    /// The issuer's own name for the person, for the audit log.
     pub subject: String,
     pub grants: Grants,
 }
@@ -265,7 +265,7 @@ impl Oidc {
         self.person(&claims)
     }
 
-    /// Who that is, and what is granted.
+    /// The person, with the grants.
     fn person(&self, claims: &Map<String, Value>) -> Result<Person, Failure> {
         let text = |key: &str| {
             let text = claims.get(key).and_then(Value::as_str).map(|it| clean(it, NAME));

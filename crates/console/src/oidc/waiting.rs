@@ -104,6 +104,6 @@ mod tests {
         }
         assert_eq!((waiting.0.len(), &*waiting.0[0].state), (WAITING_MAX, "x"));
         waiting.add(begun("last", [9, 9, 9, 9], now), now + WAITS_FOR);
-        assert_eq!(waiting.0.len(), 1, "those that are late go");
+        assert_eq!(waiting.0.len(), 1, "late ones go");
     }
 }

@@ -148,7 +148,7 @@ impl Picture {
     }
 }
 
-/// The name of a node as it is shown. Two that differ in what is not shown stay two.
+/// The name of a node on the page. Names that differ only in letters that are not drawn stay apart.
 fn shown_name(name: &str) -> String {
     let shown = clean(name, ID);
     if shown == name {

@@ -242,7 +242,7 @@ fn insert(transaction: &Transaction<'_>, at_ms: i64, row: Row<'_>) -> rusqlite::
     Ok(())
 }
 
-/// The wall clock was set back to this time: what was recorded of later times holds from here on.
+/// The wall clock was set back to this time: the states that were recorded of later times hold from here on.
 fn hold_from(transaction: &Transaction<'_>, at_ms: i64) -> rusqlite::Result<usize> {
     transaction.execute(
         "INSERT INTO records (at_ms, kind, node, state, own, other, number, said, silent_ms)

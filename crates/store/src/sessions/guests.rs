@@ -94,7 +94,7 @@ impl Session {
         }
     }
 
-    /// Whether it is one of somebody who is no user here.
+    /// Whether its holder is a guest, and no user here.
     pub fn is_of_guest(&self) -> bool {
         self.grants.is_some()
     }

@@ -118,7 +118,7 @@ impl Sessions {
     }
 
     /// Updates the table from the database. Sessions that stay keep their deadline; removed sessions end at
-    /// once, and sessions that ended here stay ended. Those of guests are in no database.
+    /// once, and sessions that ended here stay ended. Sessions of guests are in no database.
     pub(crate) fn align(&self, rows: Vec<Row>) {
         let mut table = self.write();
         table.alignment += 1;

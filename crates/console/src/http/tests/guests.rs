@@ -8,7 +8,7 @@ use telltale_store::audit::Entry;
 use telltale_store::{Grant, Grants, Pattern, Token};
 
 const FOREIGN: &str = "robot-9";
-/// Everything by which the other vehicle could show: its id, name, fault, version, configuration, and its incident.
+/// Words that only the other vehicle has: its id, name, fault, version, configuration and incident.
 const SECRETS: [&str; 7] = ["robot-9", "Kiste", "arm/joint", "glows", "9.8.7", "beef99", "2026-05-29"];
 const AT: i64 = 1_780_000_000_000;
 

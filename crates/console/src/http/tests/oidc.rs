@@ -236,7 +236,7 @@ impl World {
         self.get(&self.approved(&address), &cookie).await
     }
 
-    /// The reasons for which logins were refused, the newest first.
+    /// Why logins were refused, the newest first.
     async fn refusals(&self) -> Vec<String> {
         let records = self.store.audit_entries(None, 100).await.unwrap();
         let logins = records.into_iter().filter(|it| it.action == "login" && it.was_refused());
@@ -317,7 +317,7 @@ async fn a_login_comes_back_once_in_its_browser_and_in_time() {
         assert!(text(answer).await.contains("begun in another browser. Begin again."));
     }
     assert!(world.refusals().await.iter().all(|it| it.contains("no such login was begun in this browser")));
-    // Another browser brings it, which is the last time that it counts.
+    // Another browser brings it; after that it counts no more.
     let (address, own) = world.begin().await;
     let back = world.approved(&address);
     for cookie in [other, own] {
