@@ -17,7 +17,7 @@ use crate::cli::fields::DefinitionFlags;
 use crate::cli::process::hub_flags::HubFlags;
 use crate::cli::process::oidc_flags::OidcFlags;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
-use crate::cli::process::{data_folder, log};
+use crate::cli::process::{async_runtime, data_folder, log};
 use crate::clock::Clock;
 use crate::console::follow::Shared;
 use crate::console::http::{Console, router};
@@ -68,7 +68,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     log::start("info");
-    tokio::runtime::Runtime::new().context("the async runtime cannot be started")?.block_on(serve(args))
+    async_runtime::start()?.block_on(serve(args))
 }
 
 async fn serve(args: &Args) -> anyhow::Result<ExitCode> {

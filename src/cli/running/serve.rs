@@ -12,7 +12,7 @@ use crate::cli::configuration::init::unconfigured;
 use crate::cli::fields;
 use crate::cli::process::data_folder::{self, DataFolder};
 use crate::cli::process::shutdown_signal::ShutdownSignal;
-use crate::cli::process::{dds, log};
+use crate::cli::process::{async_runtime, dds, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::{BridgeOptions, Transport};
@@ -83,9 +83,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         None => unconfigured::examined(),
     };
     let loaded = fields::whole(examined, |loaded| definitions.with(&loaded.message_folders))?;
-    tokio::runtime::Runtime::new()
-        .context("the async runtime cannot be started")?
-        .block_on(serve(args, loaded))
+    async_runtime::start()?.block_on(serve(args, loaded))
 }
 
 async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {

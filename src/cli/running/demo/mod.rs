@@ -15,8 +15,8 @@ use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
 use crate::cli::print;
 use crate::cli::process::dds::transport;
-use crate::cli::process::log;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
+use crate::cli::process::{async_runtime, log};
 use crate::clock::Clock;
 use crate::config::demo_patience::{PATIENCE, patient};
 use crate::config::{self, Loaded};
@@ -75,9 +75,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     log::start("warn");
     let kind = Kind::of(args.robot, args.drive);
     let loaded = load_config(kind)?;
-    tokio::runtime::Runtime::new()
-        .context("the async runtime cannot be started")?
-        .block_on(demo(args, kind, loaded))
+    async_runtime::start()?.block_on(demo(args, kind, loaded))
 }
 
 async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCode> {
