@@ -82,11 +82,9 @@ pub mod common {
     pub use crate::admission::peer::{CameFrom, network, source_of};
     pub use crate::api::query::{Asked, Moment};
     pub use crate::api::table::{Format, Table};
-    pub use crate::auth::login::{DEVICE_LIFE, set_cookie, set_lax_cookie};
+    pub use crate::auth::login::{known_device, make_known, set_cookie, set_lax_cookie};
     pub use crate::developer::incidents::what_if::{Row as JudgedRow, sent as sent_configuration};
-    pub use crate::http::guard::{
-        SignedIn, admitted, bearer, device_cookie_name, has_own_origin, one_session,
-    };
+    pub use crate::http::guard::{SignedIn, admitted, bearer, has_own_origin, one_session};
     pub use crate::http::headers::secure as secure_headers;
     pub use crate::http::plain_errors::in_words;
     pub use crate::http::readers::lower_priority;

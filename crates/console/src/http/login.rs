@@ -7,7 +7,7 @@ use std::time::Duration;
 use askama::Template;
 use axum::extract::State;
 use axum::http::header::RETRY_AFTER;
-use axum::http::{Extensions, HeaderMap, StatusCode};
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use serde_json::json;
@@ -15,8 +15,8 @@ use telltale_engine::time::Span;
 use telltale_store::audit::{Action, Record};
 use telltale_store::{Caller, Role, SESSION_LIFE, SessionKind, Token, Verified};
 use telltale_web::common::{
-    CameFrom, DEVICE_LIFE, FormOf, PageFrame, Reader, SignedIn, Source, Speaks, cookie, device_cookie_name,
-    json_answer, refusal, set_cookie,
+    CameFrom, FormOf, PageFrame, Reader, SignedIn, Source, Speaks, json_answer, known_device, make_known,
+    refusal, set_cookie,
 };
 use telltale_web::cookie_name;
 use telltale_web::texts::console::ConsoleWords;
@@ -112,7 +112,7 @@ pub async fn login(
     headers: HeaderMap,
     FormOf(form): FormOf<LoginForm>,
 ) -> Response {
-    let device = known_device(&console, &headers, &form.name).await;
+    let device = known_device(&console.store, console.secure, Caller::Elsewhere, &headers, &form.name).await;
     let failure = match prove(&console, &form, source, device.clone()).await {
         Ok(user) => match console.store.open_session(&user).await {
             Ok((token, _)) => {
@@ -126,10 +126,8 @@ pub async fn login(
                     Speaks::Html => Redirect::to("/").into_response(),
                 };
                 set_cookie(&mut answer, console.secure, cookie_name, token.as_str(), SESSION_LIFE);
-                if device.is_none()
-                    && let Ok(token) = console.store.know_device(&user).await
-                {
-                    set_cookie(&mut answer, console.secure, device_cookie_name, token.as_str(), DEVICE_LIFE);
+                if device.is_none() {
+                    make_known(&console.store, console.secure, &user, &mut answer).await;
                 }
                 return answer;
             }
@@ -178,13 +176,6 @@ pub fn refused(
     }
 }
 
-/// The cookie of a browser from which this user logged in before.
-async fn known_device(console: &Console, headers: &HeaderMap, name: &str) -> Option<Token> {
-    let token = cookie(headers, device_cookie_name(console.secure)).and_then(Token::parse)?;
-    let is_known = console.store.is_device_of(Caller::Elsewhere, &token, name).await.unwrap_or(false);
-    is_known.then_some(token)
-}
-
 /// The user whose password this is, within the bounds on attempts. A known browser waits in no queue with strangers.
 async fn prove(
     console: &Console,
@@ -217,15 +208,11 @@ pub async fn logout(
     State(console): State<Console>,
     CameFrom(source): CameFrom,
     SignedIn(session): SignedIn,
-    headers: HeaderMap,
     reader: Reader,
 ) -> Response {
     // A program's token is taken back on the command line.
     if session.kind == SessionKind::Program {
-        return refusal(
-            &Reader::of(&"/api/".parse().unwrap_or_default(), &headers, &Extensions::new()),
-            HttpError::Forbidden,
-        );
+        return refusal(&Reader { speaks: Speaks::Json, ..reader }, HttpError::Forbidden);
     }
     console.store.end_at_once(&session, Record::of_session(&session, Action::Logout, source));
     let mut answer = match reader.speaks {

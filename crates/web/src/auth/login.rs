@@ -32,14 +32,14 @@ use telltale_engine::input::OperatorAction;
 use telltale_engine::model::Stage;
 use telltale_engine::time::Span;
 use telltale_store::audit::{Action, Record};
-use telltale_store::{Caller, Role, SESSION_LIFE, Session, SessionKind, Token, Verified, is_pin};
+use telltale_store::{Caller, Role, SESSION_LIFE, Session, SessionKind, Store, Token, Verified, is_pin};
 
 /// The cookie outlives the session: the server judges when a session ends, and that of an operator who
 /// drives lasts longer.
 const COOKIE_LIFE: Duration = SESSION_LIFE.saturating_mul(2);
 
 /// A browser is known for as long as it is used in a year.
-pub const DEVICE_LIFE: Duration = Duration::from_secs(365 * 24 * 3600);
+const DEVICE_LIFE: Duration = Duration::from_secs(365 * 24 * 3600);
 /// A login at a display waits no longer for others there.
 const PROVEN_WITHIN: Span = Span::from_secs(20);
 /// The time for the disk to take the cookie of a known browser.
@@ -157,7 +157,8 @@ pub async fn login(
         }
         Err(_) => return refusal(&reader, HttpError::BadForm),
     };
-    let device = known_device(&app, &headers, source, &form.name).await;
+    let device =
+        known_device(&app.store, app.settings.secure, app.caller(source), &headers, &form.name).await;
     let proven = match (&form.secret, &form.confirm) {
         (Some(secret), _) => {
             let proven = prove(&app, &form.name, secret, source, device.clone()).await;
@@ -191,7 +192,7 @@ pub async fn login(
         Ok((token, session)) => {
             let mut answer = welcome(&app, &reader, &token, &session);
             if device.is_none() {
-                make_known(&app, &user, &mut answer).await;
+                make_known(&app.store, app.settings.secure, &user, &mut answer).await;
             }
             answer
         }
@@ -274,18 +275,24 @@ async fn leave(
 }
 
 /// The cookie of a browser from which this user logged in before.
-async fn known_device(app: &AppState, headers: &HeaderMap, source: IpAddr, name: &str) -> Option<Token> {
-    let token = cookie(headers, device_cookie_name(app.settings.secure)).and_then(Token::parse)?;
+pub async fn known_device(
+    store: &Store,
+    secure: bool,
+    caller: Caller,
+    headers: &HeaderMap,
+    name: &str,
+) -> Option<Token> {
+    let token = cookie(headers, device_cookie_name(secure)).and_then(Token::parse)?;
     // A user who cannot be looked up is not known.
-    let is_known = app.store.is_device_of(app.caller(source), &token, name).await.unwrap_or(false);
+    let is_known = store.is_device_of(caller, &token, name).await.unwrap_or(false);
     is_known.then_some(token)
 }
 
 /// Gives the browser a cookie by which it is known from now on. With a slow disk the login works without
 /// one.
-async fn make_known(app: &AppState, user: &Verified, answer: &mut Response) {
-    if let Ok(Ok(token)) = timeout(DEVICE_WITHIN, app.store.know_device(user)).await {
-        set_cookie(answer, app.settings.secure, device_cookie_name, token.as_str(), DEVICE_LIFE);
+pub async fn make_known(store: &Store, secure: bool, user: &Verified, answer: &mut Response) {
+    if let Ok(Ok(token)) = timeout(DEVICE_WITHIN, store.know_device(user)).await {
+        set_cookie(answer, secure, device_cookie_name, token.as_str(), DEVICE_LIFE);
     }
 }
 
