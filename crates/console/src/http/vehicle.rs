@@ -5,7 +5,7 @@ use axum::extract::Path;
 use axum::response::Response;
 use serde::Deserialize;
 use telltale_clock::unix_ms;
-use telltale_engine::module::system::OTHER_GROUP;
+use telltale_engine::module::system::{OTHER_GROUP, SYSTEM_GROUP};
 use telltale_engine::state::State as Shows;
 use telltale_engine::time::{Span, how_long};
 use telltale_fleet::message::VehicleId;
@@ -281,6 +281,8 @@ fn tile(name: &str, node: Option<&Shown>, mut modules: Vec<(&str, &Shown)>, lang
         None if counted == 0 => String::new(),
         None => format!("{ok}/{counted} {}", words.ok),
     };
+    // Of Telltale itself only what is not well says something of the vehicle.
+    modules.retain(|(_, it)| name != SYSTEM_GROUP || it.state != Shows::Ok);
     modules.sort_by_key(|(_, it)| std::cmp::Reverse((it.state != Shows::Ignore, it.state)));
     let more = modules.len().saturating_sub(MODULES_MAX);
     let module = |(whole, shown): (&str, &Shown)| {

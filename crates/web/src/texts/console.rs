@@ -112,7 +112,7 @@ texts! {
 
     text issuer_refused(issuer: &str) { "{issuer} did not log you in. Try again.", "{issuer} hat Sie nicht angemeldet. Noch einmal versuchen." }
 
-    text no_role_here(name: &str) { "You are logged in as {name}, but have no role here. Ask who runs this console for one.", "Sie sind als {name} angemeldet, haben hier aber keine Rolle. Bitte beim Betreiber der Konsole erfragen." }
+    text no_role_here(name: &str) { "You are logged in as {name}, but have no role here. Ask the administrator of this console for one.", "Sie sind als {name} angemeldet, haben hier aber keine Rolle. Bitte beim Betreiber der Konsole erfragen." }
 
     text so_many_found(count: usize) {
         1 => "One vehicle found.", "Ein Fahrzeug gefunden.";
