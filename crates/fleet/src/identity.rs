@@ -1,11 +1,12 @@
 //! The identity of a vehicle towards the hub: an nkey. Its private part lies in a file that only its owner may read.
 
 use std::fs::OpenOptions;
-use std::io::{self, Read as _, Write as _};
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::io::{self, Write as _};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
 use nkeys::KeyPair;
+use telltale_yaml::private_file::{NotPrivate, read_private};
 
 /// Bytes of a file with a key that are read. A key has 58.
 const FILE_BYTES_MAX: u64 = 4096;
@@ -43,17 +44,10 @@ impl Identity {
     /// # Errors
     /// Others may read it too, or it holds no key.
     pub fn read(path: &Path) -> Result<Identity, IdentityError> {
-        let unreadable = |reason| IdentityError::Read { path: path.to_owned(), reason };
-        let mut options = OpenOptions::new();
-        // A pipe without a writer would be waited for.
-        options.read(true).custom_flags(rustix::fs::OFlags::NONBLOCK.bits().cast_signed());
-        let file = options.open(path).map_err(unreadable)?;
-        let mode = file.metadata().map_err(unreadable)?.mode() & 0o777;
-        if mode & 0o077 != 0 {
-            return Err(IdentityError::Open { path: path.to_owned(), mode });
-        }
-        let mut text = String::new();
-        file.take(FILE_BYTES_MAX).read_to_string(&mut text).map_err(unreadable)?;
+        let text = read_private(path, FILE_BYTES_MAX).map_err(|why| match why {
+            NotPrivate::Unreadable(reason) => IdentityError::Read { path: path.to_owned(), reason },
+            NotPrivate::Open(mode) => IdentityError::Open { path: path.to_owned(), mode },
+        })?;
         Identity::of(text.trim()).ok_or_else(|| IdentityError::NoKey { path: path.to_owned() })
     }
 

@@ -1,7 +1,7 @@
-//! Makes files and folders that only their owner may read.
+//! Makes and reads files and folders that only their owner may read.
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
-use std::io::{self, Write as _};
+use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, fchown};
 use std::path::Path;
 
@@ -43,6 +43,29 @@ pub fn write_private(path: &Path, content: &[u8]) -> io::Result<()> {
     file.write_all(content)?;
     file.sync_all()?;
     fs::rename(new, path)
+}
+
+/// Why a file with a secret is of no use.
+#[derive(Debug)]
+pub enum NotPrivate {
+    Unreadable(io::Error),
+    /// Others may read it too, by its mode.
+    Open(u32),
+}
+
+/// Reads a file with a secret, which only its owner may read, and no more bytes than this.
+///
+/// # Errors
+/// [`NotPrivate`]
+pub fn read_private(path: &Path, bytes_max: u64) -> Result<String, NotPrivate> {
+    let file = input_file::open(path).map_err(NotPrivate::Unreadable)?;
+    let mode = file.metadata().map_err(NotPrivate::Unreadable)?.mode() & 0o777;
+    if mode & 0o077 != 0 {
+        return Err(NotPrivate::Open(mode));
+    }
+    let mut text = String::new();
+    file.take(bytes_max).read_to_string(&mut text).map_err(NotPrivate::Unreadable)?;
+    Ok(text)
 }
 
 /// If root makes a file on the command line, the file gets the owner of its folder or of the file beside it, who

@@ -1,8 +1,5 @@
 //! The flags of the login by OpenID Connect at a fleet's console.
 
-use std::fs::OpenOptions;
-use std::io::Read as _;
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
@@ -10,6 +7,7 @@ use anyhow::{Context as _, bail};
 use super::believing::believing;
 use crate::console::oidc::{Issuer, Settings, issuer};
 use crate::store::{Grant, Pattern, Role};
+use crate::yaml::private_file::{NotPrivate, read_private};
 
 /// Bytes of the file of a secret that are read.
 const SECRET_BYTES_MAX: u64 = 4096;
@@ -28,11 +26,11 @@ pub struct OidcFlags {
     /// The claim of the issuer's token that is granted something: a string or a list of strings
     #[arg(long, value_name = "NAME", default_value = "groups", requires = "oidc")]
     oidc_claim: String,
-    /// Who has this value in the claim has this role, for the vehicles with these names (`*` for any letters), or for all; may
-    /// be repeated
+    /// Give people with this value in the claim a role for the vehicles with these names (`*` for any letters), or for all;
+    /// may be repeated
     #[arg(long = "oidc-grant", value_name = "VALUE=ROLE[:NAME,...]", value_parser = grant, requires = "oidc")]
     oidc_grants: Vec<(String, Grant)>,
-    /// The certificates that sign the issuer's certificate [default: those of the system]
+    /// The certificates that sign the issuer's certificate [default: the system's]
     #[arg(long, value_name = "FILE", requires = "oidc")]
     oidc_ca: Option<PathBuf>,
 }
@@ -84,16 +82,13 @@ fn grant(text: &str) -> Result<(String, Grant), String> {
 /// Reads the file of a secret.
 fn secret(path: &Path) -> anyhow::Result<String> {
     let shown = path.display();
-    let mut options = OpenOptions::new();
-    // A pipe without a writer would be waited for.
-    options.read(true).custom_flags(rustix::fs::OFlags::NONBLOCK.bits().cast_signed());
-    let file = options.open(path).with_context(|| shown.to_string())?;
-    let mode = file.metadata().with_context(|| shown.to_string())?.mode() & 0o777;
-    if mode & 0o077 != 0 {
-        bail!("{shown} may be read by others (mode {mode:o}): take that right away with `chmod 600`");
-    }
-    let mut text = String::new();
-    file.take(SECRET_BYTES_MAX).read_to_string(&mut text).with_context(|| shown.to_string())?;
+    let text = match read_private(path, SECRET_BYTES_MAX) {
+        Ok(text) => text,
+        Err(NotPrivate::Unreadable(error)) => return Err(error).context(shown.to_string()),
+        Err(NotPrivate::Open(mode)) => {
+            bail!("{shown} may be read by others (mode {mode:o}): take that right away with `chmod 600`")
+        }
+    };
     match text.trim() {
         "" => bail!("{shown} is empty: write the secret into it that the issuer gave this console"),
         text => Ok(text.to_owned()),
