@@ -54,13 +54,14 @@ fn drive(began_ms: i64) -> Vec<Message> {
     told.into_iter().map(message).collect()
 }
 
-async fn tell(hub: &Hub, messages: &[Message]) {
+/// Tells messages in one batch, after so many others.
+async fn tell(hub: &Hub, after: u64, messages: &[Message]) {
     let (id, key) = (VehicleId::new("a").unwrap(), Identity::read(&hub.key_file("a")).unwrap());
     let line = Line::open(&hub.address(), &id, &key).await.unwrap();
     let lines: Vec<String> = messages.iter().map(|it| serde_json::to_string(it).unwrap()).collect();
     let lines: Vec<&str> = lines.iter().map(String::as_str).collect();
     let packed = Batch::pack(&id, key.public(), messages.last().unwrap().at, &lines).unwrap();
-    assert_eq!(line.requests().log(0, packed).await, Answer::Stored(1));
+    assert_eq!(line.requests().log(after, packed).await, Answer::Stored(after + 1));
 }
 
 impl Running {
@@ -84,7 +85,7 @@ async fn a_vehicle_is_shown_as_it_was_and_what_is_missing_is_not_known() {
     let console = Running::start(&hub, &data).await;
     // The hub takes it now, as of a vehicle that was offline.
     let began_ms = unix_ms(Clock::start().wall()) - 3_600_000;
-    tell(&hub, &drive(began_ms)).await;
+    tell(&hub, 0, &drive(began_ms)).await;
     console.vehicle_with("the vehicle", |it| it["id"] == "a").await;
     let then = |at_s: i64| time(began_ms + at_s * 1000);
     let snapshot = async |at_s: i64| {
@@ -196,8 +197,6 @@ async fn a_clock_that_was_ahead_for_a_while_hides_nothing_that_came_after_it() {
     hub.enrol("a");
     let data = TempDir::new().unwrap();
     let console = Running::start(&hub, &data).await;
-    let (id, key) = (VehicleId::new("a").unwrap(), Identity::read(&hub.key_file("a")).unwrap());
-    let line = Line::open(&hub.address(), &id, &key).await.unwrap();
     let now_ms = unix_ms(Clock::start().wall());
     let shown = |state| NodeStates { stage: Stage::Active, nodes: vec![node("sensors", state, None)] };
     let told = [
@@ -207,9 +206,7 @@ async fn a_clock_that_was_ahead_for_a_while_hides_nothing_that_came_after_it() {
     ];
     for (n, (at, content)) in (1..).zip(told) {
         let message = Message { epoch: Epoch { start: 7, nonce: 9 }, n, at, content };
-        let packed =
-            Batch::pack(&id, key.public(), at, &[&serde_json::to_string(&message).unwrap()]).unwrap();
-        assert_eq!(line.requests().log(n - 1, packed).await, Answer::Stored(n));
+        tell(&hub, n - 1, &[message]).await;
     }
     console.vehicle_with("the vehicle", |it| it["id"] == "a").await;
     let from = time(now_ms - 400_000);

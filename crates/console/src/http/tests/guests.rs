@@ -89,15 +89,7 @@ async fn said(
     kind: &str,
     body: &str,
 ) -> (StatusCode, String) {
-    let request = Request::builder()
-        .method(method)
-        .uri(path)
-        .header(header::HOST, "127.0.0.1:8080")
-        .header(header::ORIGIN, "http://127.0.0.1:8080")
-        .header(header::COOKIE, cookie)
-        .header(header::ACCEPT, kind)
-        .header(header::CONTENT_TYPE, "application/x-www-form-urlencoded");
-    let answer = router.clone().oneshot(request.body(Body::from(body.to_owned())).unwrap()).await.unwrap();
+    let answer = ask_for(kind, router, method, path, cookie, body).await;
     let (status, headers) = (answer.status(), format!("{:?}", answer.headers()));
     let body = to_bytes(answer.into_body(), 1 << 20).await.unwrap();
     (status, headers + &String::from_utf8_lossy(&body))

@@ -98,13 +98,24 @@ async fn console_with(data: &Path, clock: Clock, oidc: Option<Arc<Oidc>>) -> (Ro
 }
 
 async fn ask(router: &Router, method: Method, path: &str, cookie: &str, body: &str) -> Response {
+    ask_for("application/json", router, method, path, cookie, body).await
+}
+
+async fn ask_for(
+    kind: &str,
+    router: &Router,
+    method: Method,
+    path: &str,
+    cookie: &str,
+    body: &str,
+) -> Response {
     let request = Request::builder()
         .method(method)
         .uri(path)
         .header(header::HOST, "127.0.0.1:8080")
         .header(header::ORIGIN, "http://127.0.0.1:8080")
         .header(header::COOKIE, cookie)
-        .header(header::ACCEPT, "application/json")
+        .header(header::ACCEPT, kind)
         .header(header::CONTENT_TYPE, "application/x-www-form-urlencoded")
         .body(Body::from(body.to_owned()))
         .unwrap();

@@ -1,4 +1,4 @@
-//! The login at an issuer: what it grants, and what is not believed.
+//! The login at an issuer: the roles it grants, and the tokens that are refused.
 
 use super::*;
 use std::collections::BTreeMap;
@@ -57,7 +57,7 @@ struct Fake {
     /// The nonce and the challenge of each code that was not used.
     codes: Mutex<BTreeMap<String, (String, String)>>,
     clock: Clock,
-    /// How often it was asked what it says of itself.
+    /// How often its description of itself was asked for.
     asked: AtomicUsize,
 }
 
@@ -199,7 +199,7 @@ impl World {
 
     fn is(&self, how: How) {
         *self.fake.how.lock().unwrap() = how;
-        // What it said of itself is asked for again.
+        // Its description of itself is asked for again.
         self.hand.advance(Span::from_secs(61));
     }
 
@@ -221,7 +221,7 @@ impl World {
         (address, cookie.split(';').next().unwrap().to_owned())
     }
 
-    /// The person logs in at the issuer: the address to which it sends the browser back.
+    /// The person logs in at the issuer. Returns the address where the browser comes back.
     fn approved(&self, address: &Url) -> String {
         let of = |key: &str| address.query_pairs().find(|it| it.0 == key).unwrap().1.into_owned();
         let mut codes = self.fake.codes.lock().unwrap();
