@@ -1,5 +1,5 @@
 """Login at the console by OpenID Connect, with a real issuer: somebody sees the vehicles of the grant and nothing of others,
-a login that is not this browser's is refused, and users who are kept here log in while the issuer is away."""
+a login that is not this browser's is refused, and local users log in while the issuer is away."""
 
 import contextlib
 import json
@@ -106,7 +106,7 @@ def begin(page, console, issuer):
 
 
 def approve(page, who):
-    """Logs in at the issuer. Returns the address to which it sends the browser back."""
+    """Logs in at the issuer. Returns the address where the browser comes back."""
     with page.expect_request(re.compile("/login/oidc/back")) as back:
         page.locator("input[name=sub]").fill(who)
         page.locator("input[name=sub]").press("Enter")
@@ -119,7 +119,7 @@ def test_while_the_issuer_is_away_users_who_are_kept_here_log_in(console, issuer
     def is_away():
         return page.request.get(console.url + "/login/oidc", max_redirects=0).status == 503
 
-    # If it was there before, what it said of itself counts for a minute.
+    # If it was there before, its description of itself counts for a minute.
     until(is_away, 90, "the console notices")
     page.goto(console.url + "/login/oidc")
     expect(page.get_by_role("alert")).to_contain_text("The login service does not answer")

@@ -34,7 +34,7 @@ impl Pieces {
         Pieces { client, _gate: gate }
     }
 
-    /// Asks a vehicle for recordings, by their numbers. One that does not listen now does not hear it.
+    /// Asks a vehicle for recordings, by their numbers. A vehicle that does not listen now does not hear it.
     ///
     /// # Errors
     /// The line is over.

@@ -1,4 +1,4 @@
-//! The async runtime of a server, in which one task that computes for long holds no other up.
+//! The async runtime of a server, where one task that computes for long holds no other up.
 
 use std::time::Duration;
 

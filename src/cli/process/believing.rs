@@ -8,10 +8,10 @@ use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject as _;
 use rustls::{ClientConfig, RootCertStore};
 
-/// A client that believes the certificates of a file, or those of the system.
+/// A client that believes the certificates of a file, or of the system.
 ///
 /// # Errors
-/// There are none that can be read. `flag` names the file.
+/// No certificate can be read. `flag` names the file.
 pub fn believing(ca: Option<&Path>, flag: &str) -> anyhow::Result<ClientConfig> {
     let mut roots = RootCertStore::empty();
     match ca {

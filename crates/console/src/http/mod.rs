@@ -58,7 +58,7 @@ pub struct Console {
     /// Browsers connect over TLS, so cookies are marked for TLS only.
     secure: bool,
     throttle: Arc<Mutex<Throttle>>,
-    /// `None`: only users who are kept here log in.
+    /// `None`: only local users log in.
     oidc: Option<Arc<Oidc>>,
 }
 

@@ -53,8 +53,7 @@ pub async fn begin(
     match oidc.begin(origin, network(source)).await {
         Ok((address, browser)) => {
             let mut answer = Redirect::to(&address).into_response();
-            let life = Duration::from_nanos(WAITS_FOR.as_nanos());
-            set_lax_cookie(&mut answer, console.secure, oidc_cookie_name, browser.as_str(), life);
+            set_lax_cookie(&mut answer, console.secure, oidc_cookie_name, browser.as_str(), WAITS_FOR.into());
             Ok(answer)
         }
         Err(failure) => Ok(failed(&console, oidc, &reader, source, &failure).await),

@@ -281,7 +281,7 @@ fn tile(name: &str, node: Option<&Shown>, mut modules: Vec<(&str, &Shown)>, lang
         None if counted == 0 => String::new(),
         None => format!("{ok}/{counted} {}", words.ok),
     };
-    // Of Telltale itself only what is not well says something of the vehicle.
+    // Modules of Telltale itself say something of the vehicle only if they are not OK.
     modules.retain(|(_, it)| name != SYSTEM_GROUP || it.state != Shows::Ok);
     modules.sort_by_key(|(_, it)| std::cmp::Reverse((it.state != Shows::Ignore, it.state)));
     let more = modules.len().saturating_sub(MODULES_MAX);

@@ -29,7 +29,7 @@ use crate::what_ifs::{WhatIf, WhatIfs};
 const AT_A_TIME: usize = 2;
 const READ_WITHIN: Span = Span::from_secs(8);
 
-/// All vehicles, their recordings, and what was made of them.
+/// All vehicles, their recordings and what-ifs.
 #[derive(Debug, Clone)]
 pub struct Everything {
     shared: Shared,

@@ -297,7 +297,7 @@ fn mistake(
 }
 
 impl View {
-    /// The incidents of a group that may be judged again, the newest first: of a guest those of the vehicles for which it is
+    /// The incidents of a group that may be judged again, the newest first. A guest gets the incidents of vehicles where it is
     /// an engineer.
     fn incidents_of(&self, by: GroupBy, group: &str) -> Vec<IncidentRow> {
         let mut rows = self.fleet().incidents();

@@ -104,7 +104,7 @@ pub enum Failure {
     Refused(String),
     /// Its token is not one for this login.
     Unbelieved(String),
-    /// The person, to whom nothing is granted.
+    /// The person has no role here.
     NoRole(String),
 }
 
@@ -121,7 +121,7 @@ impl Failure {
     }
 }
 
-/// Somebody whom the issuer logged in, and to whom something is granted.
+/// A person with at least one role, whom the issuer logged in.
 #[derive(Debug)]
 pub struct Person {
     /// With the issuer's host, so that no user here has this name.
@@ -290,7 +290,7 @@ impl Oidc {
     }
 }
 
-/// The addresses to which browsers and codes go have the same bounds as that of the issuer.
+/// Checks the addresses for browsers and for codes, as the issuer's own.
 fn checked(said: CoreProviderMetadata) -> Result<CoreProviderMetadata, Failure> {
     let token = said.token_endpoint().map(|it| it.url());
     for url in [Some(said.authorization_endpoint().url()), token] {

@@ -1,4 +1,4 @@
-//! Guests of a console: people whom another server vouches for. They are no users here, and their sessions are in memory
+//! Guests of a console: people of an OpenID Connect issuer. They are no users here, and their sessions are in memory
 //! alone.
 
 use std::fmt;
@@ -101,7 +101,7 @@ impl Session {
 }
 
 impl Store {
-    /// Opens a session with a new token for a guest. It lives as long as those of users, and ends with this process.
+    /// Opens a session with a new token for a guest. It lives as long as a user's session, and ends with this process.
     ///
     /// # Errors
     /// The system has no random numbers.
