@@ -3,7 +3,7 @@
 # program, scripts. It installs nothing, says how long each part took, and ends at the first that fails.
 #
 #   tests/quick.sh           everything
-#   tests/quick.sh PACKAGE   clippy and the unit tests of one package, such as telltale-web
+#   tests/quick.sh PACKAGE   clippy and the tests of one package, such as telltale-web
 #
 # Left to tests/run.sh: what needs foreign DDS programs, the pages of docs/ that are followed to the letter, the browser and the
 # package; and nine of ten random cases of the properties.
@@ -28,17 +28,19 @@ part() {
 part format cargo fmt --all --check
 if [ $# -gt 0 ]; then
     part clippy cargo clippy --locked --package "$1" --all-targets --quiet -- -D warnings
-    part "unit tests" cargo test --locked --package "$1" --lib --quiet
+    # The integration tests of the program need other programs.
+    [ "$1" = telltale ] && kind=--lib || kind=--tests
+    part tests cargo test --locked --package "$1" $kind --quiet
     exit
 fi
 part clippy cargo clippy --locked --all-targets --quiet -- -D warnings
 # Built at once: what both kinds of tests need is compiled side by side.
-part build cargo test --locked --quiet --lib --test it --no-run
+part build cargo test --locked --quiet --lib --test http --test it --no-run
 # Side by side, because some of both kinds keep one core busy for long.
 both() {
     local log failed=0
     log=$(mktemp)
-    cargo test --locked --quiet --lib >"$log" 2>&1 &
+    cargo test --locked --quiet --lib --test http >"$log" 2>&1 &
     cargo test --locked --quiet --test it -- "${others[@]/#/--skip=}" || failed=1
     wait $! || { failed=1; cat "$log" >&2; }
     rm "$log"

@@ -16,7 +16,7 @@ from test_developer import CAUSE, DEVELOPER, STATUS, prepare
 from vehicle import OPERATOR, ROOT, Client, until
 
 # Every route of the server, as the table of accesses lists them; it has to list all.
-ROUTES = re.findall(r'^ +\("([A-Z]+)", "([^"]+)", \[', (ROOT / "tests/it/web/access.rs").read_text(), re.MULTILINE)
+ROUTES = re.findall(r'^ +\("([A-Z]+)", "([^"]+)", \[', (ROOT / "crates/web/tests/http/access.rs").read_text(), re.MULTILINE)
 OF_ALL = {"/alarms/{*path}": "/alarms/1/acknowledge", "/modules/{*path}": "/modules/sensors/imu/reset"}
 
 

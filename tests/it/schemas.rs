@@ -12,10 +12,6 @@ pub struct Strict {
 }
 
 impl Strict {
-    pub fn new(document: &Value) -> Strict {
-        Strict::at(document, "")
-    }
-
     /// The schema at a JSON pointer in the document.
     pub fn at(document: &Value, pointer: &str) -> Strict {
         let mut document = document.clone();

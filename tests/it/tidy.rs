@@ -50,6 +50,11 @@ fn sources() -> Vec<PathBuf> {
     packages().values().flat_map(|package| files(&package.join("src"), "rs")).collect()
 }
 
+/// The tests from outside.
+fn tests() -> Vec<PathBuf> {
+    ["tests/it", "crates/web/tests"].iter().flat_map(|folder| files(&root().join(folder), "rs")).collect()
+}
+
 /// The source without its comments and without the tests at its end.
 fn code(file: &Path) -> String {
     let text = fs::read_to_string(file).expect("sources are readable");
@@ -236,7 +241,7 @@ fn no_circle_of_imports_goes_through_a_folder() {
 /// A module with parts has one form: the folder holds all of it, in `mod.rs` and beside.
 #[test]
 fn no_file_stands_beside_a_folder_of_its_name() {
-    let all = sources().into_iter().chain(files(&root().join("tests/it"), "rs"));
+    let all = sources().into_iter().chain(tests());
     let beside: Vec<PathBuf> = all.filter(|file| file.with_extension("").is_dir()).collect();
     assert!(beside.is_empty(), "move these to `mod.rs` in their folders: {beside:#?}");
 }
@@ -254,7 +259,7 @@ fn the_core_is_pure() {
 #[test]
 fn files_are_short_enough_to_be_read() {
     let mut long = Vec::new();
-    for file in sources().into_iter().chain(files(&root().join("tests/it"), "rs")) {
+    for file in sources().into_iter().chain(tests()) {
         let lines = fs::read_to_string(&file).expect("sources are readable").lines().count();
         if lines > LINES_MAX {
             long.push(format!("{}: {lines} lines", file.display()));

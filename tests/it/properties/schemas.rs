@@ -19,7 +19,7 @@ fn config() -> ProptestConfig {
 
 #[test]
 fn snapshots_and_streams_are_as_their_schemas_say() {
-    let (whole, message) = (Strict::new(&snapshot_schema()), Strict::new(&stream_schema()));
+    let (whole, message) = (Strict::at(&snapshot_schema(), ""), Strict::at(&stream_schema(), ""));
     let forms = [(false, false), (false, true), (true, false), (true, true)];
     let forms = forms.map(|(groups, deltas)| Form { groups, deltas });
     proptest!(config(), |(numbers in numbers())| {

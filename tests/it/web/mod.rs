@@ -1,28 +1,10 @@
-//! The HTTP server: the router without a socket, and sockets on a free port.
+//! The pages of a server with what the program gives it: certificates, what-ifs, learned dependencies.
 
-mod access;
-mod api;
-mod attacks;
-mod audit;
-mod bounds;
-mod damaged_database;
-mod developer;
-mod durable;
-mod expired_sessions;
+// Shared with the tests of the server's own package, which use all of it.
+#[allow(dead_code)]
+#[path = "../../../crates/web/tests/http/fixture.rs"]
 mod fixture;
-mod incidents;
-mod late_actions;
 mod learn;
-mod login;
-mod login_policy;
 mod open_replays;
-mod replay;
-mod services;
-mod snapshot_json;
-mod sockets;
-mod stops;
-mod streams;
 mod tls;
-mod trusted_recordings;
-mod vehicle;
 mod what_if;

@@ -3,7 +3,6 @@
 mod guests;
 mod oidc;
 #[path = "../../../../../tests/it/schemas.rs"]
-#[allow(dead_code, reason = "the tests of a vehicle's interface use the rest")]
 mod schemas;
 mod what_ifs;
 

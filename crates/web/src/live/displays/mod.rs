@@ -165,11 +165,6 @@ impl Displays {
         self.newest(|display| display.session.is(session))
     }
 
-    /// Whether a display of this login confirmed a recent state.
-    pub fn is_live(&self, session: &Session, now: Timestamp) -> bool {
-        self.shows_as_of(session).is_some_and(|shown| now.since(shown) < LIVE_WITHIN)
-    }
-
     /// Whether a page of a login is open, live or not.
     pub fn has(&self, session: &Session) -> bool {
         let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);

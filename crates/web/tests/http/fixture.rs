@@ -7,23 +7,23 @@ use axum::Router;
 use axum::body::{Body, to_bytes};
 use axum::http::header::{ACCEPT, CONTENT_TYPE, COOKIE, HOST, LOCATION, ORIGIN, SET_COOKIE};
 use axum::http::{HeaderMap, Method, Request, StatusCode};
-use telltale::clock::{Clock, ClockHand};
-use telltale::engine::input::{Input, ListenerReport, StatusArray};
-use telltale::engine::model::filter::Filter;
-use telltale::engine::model::monitors::{FieldKind, FieldSpec, TopicId, TopicSpec};
-use telltale::engine::model::motion::{SpeedSource, WatchedField};
-use telltale::engine::model::output::Output;
-use telltale::engine::model::sample::{FieldValue, Sample};
-use telltale::engine::model::{
+use telltale_clock::{Clock, ClockHand};
+use telltale_engine::input::{Input, ListenerReport, StatusArray};
+use telltale_engine::model::filter::Filter;
+use telltale_engine::model::monitors::{FieldKind, FieldSpec, TopicId, TopicSpec};
+use telltale_engine::model::motion::{SpeedSource, WatchedField};
+use telltale_engine::model::output::Output;
+use telltale_engine::model::sample::{FieldValue, Sample};
+use telltale_engine::model::{
     Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Match, Model, ModuleMonitor, ModuleSpec,
     NodeId, Parts, SignalSource, SignalSpec, Stage, StageModel, Stop, When, Within,
 };
-use telltale::engine::snapshot::Snapshot;
-use telltale::engine::text::Text;
-use telltale::engine::time::{Span, Timestamp};
-use telltale::runtime::{self, Link, Rehearsal, Reread, Stamped};
-use telltale::store::{DemoSecrets, History, Session, Store, Token};
-use telltale::web::{AppState, DemoFault, DemoFaults, FaultSwitch, Origins, Peer, Settings, router};
+use telltale_engine::snapshot::Snapshot;
+use telltale_engine::text::Text;
+use telltale_engine::time::{Span, Timestamp};
+use telltale_runtime::{self as runtime, Link, Rehearsal, Reread, Stamped};
+use telltale_store::{DemoSecrets, History, Session, Store, Token};
+use telltale_web::{AppState, DemoFault, DemoFaults, FaultSwitch, Origins, Peer, Settings, router};
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 use tower::ServiceExt;

@@ -7,18 +7,18 @@ use std::time::{Duration, UNIX_EPOCH};
 use axum::http::StatusCode;
 use futures_util::SinkExt;
 use serde_json::Value;
-use telltale::engine::Engine;
-use telltale::engine::input::{Input, OperatorAction, StatusArray};
-use telltale::engine::time::Timestamp;
-use telltale::runtime::{Published, Version};
-use telltale::web::live::frame::Frames;
-use telltale::web::texts::Lang;
-use telltale::web::view::Trends;
-use telltale::web::{AppState, Origins, Player, Replay, Settings, router};
+use telltale_engine::Engine;
+use telltale_engine::input::{Input, OperatorAction, StatusArray};
+use telltale_engine::time::Timestamp;
+use telltale_runtime::{Published, Version};
+use telltale_web::live::frame::Frames;
+use telltale_web::texts::Lang;
+use telltale_web::view::Trends;
+use telltale_web::{AppState, Origins, Player, Replay, Settings, router};
 use tokio_tungstenite::tungstenite::Message;
 
-use super::fixture::{ADDRESS, Fixture, as_program, form_request, model};
-use super::sockets::{Server, next_json};
+use crate::fixture::{ADDRESS, Fixture, as_program, form_request, model};
+use crate::sockets::{Server, next_json};
 
 /// Seconds since the beginning of the recording, and what the LiDAR says.
 const RECORDED: [(u64, u8, &str); 5] = [

@@ -1,11 +1,11 @@
 //! Recordings over HTTP that cannot be trusted: a disk that takes none, and files that were changed.
 
 use serde_json::json;
-use telltale::record::folder::{file_name, folder_in};
-use telltale::record::summary::{Recording, Summary};
-use telltale::record::writer::hash_file;
+use telltale_record::folder::{file_name, folder_in};
+use telltale_record::summary::{Recording, Summary};
+use telltale_record::writer::hash_file;
 
-use super::incidents::{BYTES, Recorded};
+use crate::incidents::{BYTES, Recorded};
 
 #[tokio::test]
 async fn without_a_recording_there_is_no_clearance_whatever_the_operator_accepts() {

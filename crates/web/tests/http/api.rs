@@ -6,12 +6,12 @@ use std::time::Duration;
 use axum::http::header::{ACCEPT, UPGRADE};
 use axum::http::{Method, StatusCode};
 use serde_json::{Value, json};
-use telltale::engine::snapshot::Snapshot;
-use telltale::engine::time::Span;
-use telltale::store::MinuteSums;
-use telltale::web::{openapi, routes};
+use telltale_engine::snapshot::Snapshot;
+use telltale_engine::time::Span;
+use telltale_store::MinuteSums;
+use telltale_web::{openapi, routes};
 
-use super::fixture::{Fixture, request};
+use crate::fixture::{Fixture, request};
 use crate::schemas::Strict;
 
 /// A fixture with some history, and the cookie of a developer.
@@ -58,7 +58,7 @@ fn every_route_of_the_interface_is_described() {
 
 #[test]
 fn the_page_of_the_interface_has_every_example() {
-    let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/api.md")).unwrap();
+    let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/api.md")).unwrap();
     let document = openapi(true);
     let methods =
         document["paths"].as_object().unwrap().values().flat_map(|it| it.as_object().unwrap().values());

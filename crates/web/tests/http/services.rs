@@ -1,14 +1,14 @@
 //! What other ROS 2 nodes may have done: what is done, what is refused and why, and how it is recorded.
 
-use telltale::engine::input::{Input, OperatorAction};
-use telltale::engine::model::Stage;
-use telltale::engine::model::service::Service;
-use telltale::engine::snapshot::Snapshot;
-use telltale::engine::state::State;
-use telltale::runtime::{Reread, Rereading};
-use telltale::web::services::{Answer, ServiceRequest, serve};
+use telltale_engine::input::{Input, OperatorAction};
+use telltale_engine::model::Stage;
+use telltale_engine::model::service::Service;
+use telltale_engine::snapshot::Snapshot;
+use telltale_engine::state::State;
+use telltale_runtime::{Reread, Rereading};
+use telltale_web::services::{Answer, ServiceRequest, serve};
 
-use super::fixture::Fixture;
+use crate::fixture::Fixture;
 
 const CALLER: &str = "/panel (participant 0110aa)";
 

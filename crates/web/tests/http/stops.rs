@@ -1,14 +1,14 @@
 //! Every STOP counts: no release and no clearance that was asked for before it is done after it.
 
 use axum::http::StatusCode;
-use telltale::engine::input::{OperatorAction, Refusal, Response};
-use telltale::engine::model::Stage;
-use telltale::engine::time::Span;
-use telltale::runtime::Command;
+use telltale_engine::input::{OperatorAction, Refusal, Response};
+use telltale_engine::model::Stage;
+use telltale_engine::time::Span;
+use telltale_runtime::Command;
 use tokio::sync::oneshot;
 
-use super::fixture::{Fixture, as_program, form_request};
-use super::vehicle::{Operator, refused};
+use crate::fixture::{Fixture, as_program, form_request};
+use crate::vehicle::{Operator, refused};
 
 const RELEASE: &str = "/vehicle/release";
 const CLEARANCE: &str = "/vehicle/clearance";

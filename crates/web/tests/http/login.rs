@@ -2,14 +2,14 @@
 
 use axum::http::header::SET_COOKIE;
 use axum::http::{Method, StatusCode};
-use telltale::engine::model::Stage;
-use telltale::engine::time::Span;
-use telltale::store::audit::Entry;
-use telltale::store::{DEMO_USERS, DemoSecrets, Role};
-use telltale::web::{SelfCheck, Stuck};
+use telltale_engine::model::Stage;
+use telltale_engine::time::Span;
+use telltale_store::audit::Entry;
+use telltale_store::{DEMO_USERS, DemoSecrets, Role};
+use telltale_web::{SelfCheck, Stuck};
 use tokio::sync::watch;
 
-use super::fixture::{ADDRESS, COMPONENTS, Fixture, as_program, form_request, request, until};
+use crate::fixture::{ADDRESS, COMPONENTS, Fixture, as_program, form_request, request, until};
 use crate::folder::TestFolder;
 
 #[tokio::test]

@@ -5,17 +5,17 @@ use std::sync::Arc;
 
 use axum::http::header::{AUTHORIZATION, ORIGIN};
 use axum::http::{Method, StatusCode};
-use telltale::engine::Engine;
-use telltale::engine::input::{Input, OperatorAction};
-use telltale::engine::state::State;
-use telltale::engine::time::Timestamp;
-use telltale::runtime::Stamped;
-use telltale::store::audit::{Action, Entry, Record};
-use telltale::web::Peer;
+use telltale_engine::Engine;
+use telltale_engine::input::{Input, OperatorAction};
+use telltale_engine::state::State;
+use telltale_engine::time::Timestamp;
+use telltale_runtime::Stamped;
+use telltale_store::audit::{Action, Entry, Record};
+use telltale_web::Peer;
 
-use super::fixture::{Fixture, as_program, form_request, model, request};
-use super::sockets::Server;
+use crate::fixture::{Fixture, as_program, form_request, model, request};
 use crate::folder::TestFolder;
+use crate::sockets::Server;
 
 /// The records so far, oldest first, as `action who target outcome`.
 async fn records(fixture: &Fixture) -> Vec<String> {

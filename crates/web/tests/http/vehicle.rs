@@ -2,11 +2,11 @@
 
 use axum::http::StatusCode;
 use serde_json::Value;
-use telltale::engine::model::Stage;
-use telltale::engine::state::State;
-use telltale::engine::time::Span;
+use telltale_engine::model::Stage;
+use telltale_engine::state::State;
+use telltale_engine::time::Span;
 
-use super::fixture::{Answer, Fixture, as_program, form_request};
+use crate::fixture::{Answer, Fixture, as_program, form_request};
 
 /// An operator at a display, at a vehicle that reports that all is well.
 pub struct Operator {

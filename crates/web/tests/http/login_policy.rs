@@ -5,17 +5,17 @@ use std::net::SocketAddr;
 
 use axum::http::header::{AUTHORIZATION, COOKIE, ORIGIN};
 use axum::http::{Method, StatusCode};
-use telltale::clock::Clock;
-use telltale::engine::input::Input;
-use telltale::engine::model::Stage;
-use telltale::engine::model::monitors::TopicId;
-use telltale::engine::model::motion::{PositionSource, WatchedField};
-use telltale::engine::snapshot::{Moving, Snapshot};
-use telltale::engine::time::Span;
-use telltale::store::Role;
-use telltale::web::{DEVELOPER_IDLE_MAX, Enrolled, Peer, Proxies, VehicleDisplay};
+use telltale_clock::Clock;
+use telltale_engine::input::Input;
+use telltale_engine::model::Stage;
+use telltale_engine::model::monitors::TopicId;
+use telltale_engine::model::motion::{PositionSource, WatchedField};
+use telltale_engine::snapshot::{Moving, Snapshot};
+use telltale_engine::time::Span;
+use telltale_store::Role;
+use telltale_web::{DEVELOPER_IDLE_MAX, Enrolled, Peer, Proxies, VehicleDisplay};
 
-use super::fixture::{Answer, Fixture, as_program, form_request, login_from, request, settled, until};
+use crate::fixture::{Answer, Fixture, as_program, form_request, login_from, request, settled, until};
 
 async fn log_in_from(fixture: &Fixture, source: &str, form: &str) -> Answer {
     fixture.send(login_from(source, form)).await
@@ -265,7 +265,7 @@ async fn an_expired_programs_token_opens_nothing() {
 #[tokio::test]
 async fn without_users_the_page_says_how_to_make_the_first_one() {
     let fixture = Fixture::new().await;
-    for (name, _, _) in telltale::store::DEMO_USERS {
+    for (name, _, _) in telltale_store::DEMO_USERS {
         fixture.store.remove_user(name).await.unwrap();
     }
     let page = fixture.get("/login", None).await;

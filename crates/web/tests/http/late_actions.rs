@@ -1,20 +1,20 @@
 //! Actions that waited for others or for the disk are judged again before they are done.
 
 use axum::http::StatusCode;
-use telltale::clock::ClockHand;
-use telltale::engine::input::Refusal;
-use telltale::engine::model::Stage;
-use telltale::engine::restart::preview::Preview;
-use telltale::engine::state::State;
-use telltale::engine::time::Span;
-use telltale::runtime::Rehearsal;
-use telltale::store::Role;
-use telltale::store::audit::{Action, Entry, Record, TELLTALE};
+use telltale_clock::ClockHand;
+use telltale_engine::input::Refusal;
+use telltale_engine::model::Stage;
+use telltale_engine::restart::preview::Preview;
+use telltale_engine::state::State;
+use telltale_engine::time::Span;
+use telltale_runtime::Rehearsal;
+use telltale_store::Role;
+use telltale_store::audit::{Action, Entry, Record, TELLTALE};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
-use super::expired_sessions::Disk;
-use super::fixture::{Answer, Fixture, as_program, form_request, login_from, settled, until};
+use crate::expired_sessions::Disk;
+use crate::fixture::{Answer, Fixture, as_program, form_request, login_from, settled, until};
 
 /// An operator at a vehicle that stands, whose taps wait between their judgement and the disk.
 struct Scene {

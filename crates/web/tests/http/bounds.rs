@@ -6,18 +6,18 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use axum::http::{Method, StatusCode};
-use telltale::engine::state::State;
-use telltale::engine::time::Span;
-use telltale::store::audit::{Action, Record, TELLTALE};
-use telltale::web::Peer;
+use telltale_engine::state::State;
+use telltale_engine::time::Span;
+use telltale_store::audit::{Action, Record, TELLTALE};
+use telltale_web::Peer;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
-use super::access::HEADERS;
-use super::fixture::{Fixture, as_program, form_request, request};
-use super::sockets::{Server, next_json};
+use crate::access::HEADERS;
+use crate::fixture::{Fixture, as_program, form_request, request};
 use crate::folder::TestFolder;
+use crate::sockets::{Server, next_json};
 
 /// A little more than a connection has for its head.
 const PATIENCE: Duration = Duration::from_secs(14);

@@ -3,10 +3,10 @@
 use axum::body::Body;
 use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
 use axum::http::{Method, Request, StatusCode};
-use telltale::store::{DemoSecrets, Role};
-use telltale::web::{Access, BODY_BYTES_MAX, Route, assets, routes};
+use telltale_store::{DemoSecrets, Role};
+use telltale_web::{Access, BODY_BYTES_MAX, Route, assets, routes};
 
-use super::fixture::{ADDRESS, Answer, COMPONENTS, Fixture, OWN_ORIGIN, as_program, form_request, request};
+use crate::fixture::{ADDRESS, Answer, COMPONENTS, Fixture, OWN_ORIGIN, as_program, form_request, request};
 
 fn concrete(route: &Route) -> String {
     let path = route.path.replace("{*path}", "vendor/htmx.min.js");

@@ -4,19 +4,19 @@ use std::time::Duration;
 
 use axum::http::StatusCode;
 use rusqlite::Connection;
-use telltale::clock::{Clock, ClockHand};
-use telltale::engine::input::Input;
-use telltale::engine::model::Stage;
-use telltale::engine::snapshot::Moving;
-use telltale::engine::time::Span;
-use telltale::store::audit::Entry;
-use telltale::web::DEVELOPER_IDLE_MAX;
+use telltale_clock::{Clock, ClockHand};
+use telltale_engine::input::Input;
+use telltale_engine::model::Stage;
+use telltale_engine::snapshot::Moving;
+use telltale_engine::time::Span;
+use telltale_store::audit::Entry;
+use telltale_web::DEVELOPER_IDLE_MAX;
 use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 
-use super::fixture::Fixture;
-use super::sockets::{Server, Socket, closed, next_json};
+use crate::fixture::Fixture;
 use crate::folder::TestFolder;
+use crate::sockets::{Server, Socket, closed, next_json};
 
 const fn hours(count: u64) -> Span {
     Span::from_secs(count * 3600)
@@ -84,7 +84,7 @@ async fn what_is_over_ends_its_sockets_within_a_second_a_programs_token_too() {
     ends(&mut program, "program").await;
     assert!(fixture.store.sessions().is_empty());
     // Also if something else changes meanwhile: the token is still in the list.
-    fixture.store.add_user("anna", telltale::store::Role::Operator, "975310").await.unwrap();
+    fixture.store.add_user("anna", telltale_store::Role::Operator, "975310").await.unwrap();
     let other = fixture.store.add_token("developer", "", 1).await.unwrap();
     assert_eq!(fixture.store.sessions().len(), 1);
     assert!(fixture.store.session(&other).is_some() && fixture.store.session(&token).is_none());

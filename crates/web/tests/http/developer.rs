@@ -1,14 +1,14 @@
 //! The developer's pages: reasons of states, and reloading the configuration.
 
 use axum::http::{Method, StatusCode};
-use telltale::engine::model::countermeasure::{Request, Rule};
-use telltale::engine::model::{GroupId, NodeId, Stage};
-use telltale::engine::snapshot::Reason;
-use telltale::engine::state::State;
-use telltale::engine::time::Span;
-use telltale::runtime::{ConfigurationText, Reread, Rereading};
+use telltale_engine::model::countermeasure::{Request, Rule};
+use telltale_engine::model::{GroupId, NodeId, Stage};
+use telltale_engine::snapshot::Reason;
+use telltale_engine::state::State;
+use telltale_engine::time::Span;
+use telltale_runtime::{ConfigurationText, Reread, Rereading};
 
-use super::fixture::{Fixture, as_program, form_request, request};
+use crate::fixture::{Fixture, as_program, form_request, request};
 
 #[tokio::test]
 async fn a_page_says_why_a_node_shows_what_it_shows() {

@@ -4,13 +4,13 @@ use std::sync::Arc;
 use std::time::{Duration, UNIX_EPOCH};
 
 use serde_json::{Value, json};
-use telltale::engine::Engine;
-use telltale::engine::input::{Input, OperatorAction, StatusArray};
-use telltale::engine::time::Timestamp;
-use telltale::runtime::Published;
-use telltale::web::live::frame::Frames;
+use telltale_engine::Engine;
+use telltale_engine::input::{Input, OperatorAction, StatusArray};
+use telltale_engine::time::Timestamp;
+use telltale_runtime::Published;
+use telltale_web::live::frame::Frames;
 
-use super::fixture::model;
+use crate::fixture::model;
 
 const AT_MS: u64 = 1_795_176_005_123;
 

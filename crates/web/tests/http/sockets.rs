@@ -6,13 +6,13 @@ use std::time::{Duration, Instant};
 use axum::http::Method;
 use futures_util::{FutureExt as _, SinkExt, StreamExt};
 use serde_json::Value;
-use telltale::engine::model::Stage;
-use telltale::engine::state::State;
-use telltale::engine::time::Span;
-use telltale::store::{DemoSecrets, Role, Store, Token};
-use telltale::web::texts::Lang;
-use telltale::web::view::{Fragment, fragments};
-use telltale::web::{AppState, Origins, Peer, Settings, Source, serve};
+use telltale_engine::model::Stage;
+use telltale_engine::state::State;
+use telltale_engine::time::Span;
+use telltale_store::{DemoSecrets, Role, Store, Token};
+use telltale_web::texts::Lang;
+use telltale_web::view::{Fragment, fragments};
+use telltale_web::{AppState, Origins, Peer, Settings, Source, serve};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
@@ -22,7 +22,7 @@ use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 use tokio_tungstenite::tungstenite::{self, Message};
 use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 
-use super::fixture::{Fixture, settled};
+use crate::fixture::{Fixture, settled};
 use crate::folder::TestFolder;
 
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -307,7 +307,7 @@ async fn a_client_that_does_not_read_is_closed_and_delays_nobody() {
         let took = server.fixture.clock.now().since(sent_at);
         assert!(took.as_millis() < 1000, "round {round} took {} ms", took.as_millis());
     }
-    let deadline = server.fixture.clock.now() + telltale::engine::time::Span::from_secs(12);
+    let deadline = server.fixture.clock.now() + telltale_engine::time::Span::from_secs(12);
     while server.app.displays.count() > 1 {
         assert!(server.fixture.clock.now() < deadline, "{} sockets open", server.app.displays.count());
         next_json(&mut reader, |_| true).await;
@@ -378,7 +378,7 @@ async fn a_page_may_say_what_it_shows_and_nothing_else() {
     // A page may speak with more words than are needed.
     socket.send(Message::text(format!("{{\"shown\":{seq},\"headers\":{{}}}}"))).await.unwrap();
     next_json(&mut socket, |value| value["beat"].as_u64() > Some(1)).await;
-    assert!(server.app.displays.is_live(&session, server.fixture.clock.now()));
+    assert!(server.app.displays.is_live_for(&session, server.fixture.clock.now()));
 
     // By its beats it says when, where `seq` stands still.
     let mut beating = server.connect("/ws", &cookie).await;

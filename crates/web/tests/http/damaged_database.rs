@@ -4,10 +4,10 @@ use std::os::unix::fs::FileExt as _;
 
 use axum::http::StatusCode;
 use rusqlite::Connection;
-use telltale::engine::model::Stage;
-use telltale::engine::state::State;
+use telltale_engine::model::Stage;
+use telltale_engine::state::State;
 
-use super::fixture::{Fixture, as_program, form_request};
+use crate::fixture::{Fixture, as_program, form_request};
 use crate::folder::TestFolder;
 
 /// A data folder whose index of users is overwritten with zeroes, with an operator at the depot.

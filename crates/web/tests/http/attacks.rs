@@ -5,7 +5,7 @@ use std::time::Duration;
 use axum::http::StatusCode;
 use futures_util::SinkExt;
 use serde_json::{Value, json};
-use telltale::store::Role;
+use telltale_store::Role;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
@@ -13,8 +13,8 @@ use tokio_tungstenite::MaybeTlsStream;
 use tokio_tungstenite::tungstenite::Message;
 use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 
-use super::fixture::{Fixture, as_program, form_request, until};
-use super::sockets::{Server, Socket, closed, next_json};
+use crate::fixture::{Fixture, as_program, form_request, until};
+use crate::sockets::{Server, Socket, closed, next_json};
 
 /// The longest time that a busy machine may take for things that take a moment.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -239,7 +239,7 @@ async fn before_a_hand_over_while_it_drives_the_page_says_so_and_both_can_stop_i
         let said = stop(&server, cookie).await;
         assert!(said.starts_with("HTTP/1.1 200"), "{said}");
     }
-    hand.advance(telltale::engine::time::Span::from_secs(5));
+    hand.advance(telltale_engine::time::Span::from_secs(5));
     server.fixture.until(|snapshot| snapshot.operator.as_deref() == Some("bert")).await;
     assert_eq!(closed(&mut page).await, CloseCode::Policy);
     let told = next_json(&mut new, |value| value.get("hand_over").is_some()).await;

@@ -6,19 +6,19 @@ use std::time::Instant;
 
 use axum::http::StatusCode;
 use rusqlite::Connection;
-use telltale::clock::{Clock, ClockHand};
-use telltale::engine::model::Stage;
-use telltale::engine::state::State;
-use telltale::engine::time::Span;
-use telltale::runtime::Rereading;
-use telltale::store::Role;
-use telltale::store::audit::{Action, Entry, Record, TELLTALE};
-use telltale::web::serve;
+use telltale_clock::{Clock, ClockHand};
+use telltale_engine::model::Stage;
+use telltale_engine::state::State;
+use telltale_engine::time::Span;
+use telltale_runtime::Rereading;
+use telltale_store::Role;
+use telltale_store::audit::{Action, Entry, Record, TELLTALE};
+use telltale_web::serve;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
-use super::fixture::{Answer, Fixture, as_program, form_request};
+use crate::fixture::{Answer, Fixture, as_program, form_request};
 use crate::folder::TestFolder;
 
 /// A vehicle whose database can be made read-only.
