@@ -334,15 +334,18 @@ fn topics(connection: &Connection, omissions: &mut Omissions) -> rusqlite::Resul
             omissions.add(0, 0, format!("the database has more than {TOPICS_MAX} topics"));
             break;
         }
-        let [name, type_name, format] = [1, 2, 3].map(|column| row.get::<_, String>(column));
-        let (name, type_name, format) = (name?, type_name?, format?);
-        let topic = if format == "cdr" {
-            let definition = definition(connection, &type_name);
-            Topic::Known(Arc::new(Channel::cdr(&name, &type_name, definition.as_deref())))
-        } else {
-            Topic::Other(format!("messages of {name}: their encoding is {format:?}"))
+        let number = row.get(0)?;
+        let topic = match [1, 2, 3].map(|column| row.get::<_, String>(column)) {
+            [Ok(name), Ok(type_name), Ok(format)] if format == "cdr" => {
+                let definition = definition(connection, &type_name);
+                Topic::Known(Arc::new(Channel::cdr(&name, &type_name, definition.as_deref())))
+            }
+            [Ok(name), Ok(_), Ok(format)] => {
+                Topic::Other(format!("messages of {name}: their encoding is {format:?}"))
+            }
+            _ => Topic::Other(format!("messages of topic {number}: its name, type or encoding is no text")),
         };
-        found.insert(row.get(0)?, topic);
+        found.insert(number, topic);
     }
     Ok(found)
 }

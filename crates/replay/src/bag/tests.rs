@@ -78,12 +78,13 @@ fn rows_of_a_database_come_by_their_time_and_what_cannot_be_used_is_said() {
     database(
         &path,
         &format!("{INDEX}{DEFINITIONS}"),
-        &[(1, 30), (2, 10), (3, 11), (9, 12), (1, 10), (1, -5)],
+        &[(1, 30), (2, 10), (3, 11), (9, 12), (1, 10), (1, -5), (4, 13)],
     );
     let connection = Connection::open(&path).unwrap();
     connection
         .execute_batch(
-            "INSERT INTO messages VALUES (20, 1, 'soon', x''), (21, 1, 31, NULL), (22, 1, 32, x'00')",
+            "INSERT INTO topics VALUES (4, x'2f64', 'std_msgs/msg/UInt8', 'cdr', '');
+            INSERT INTO messages VALUES (20, 1, 'soon', x''), (21, 1, 31, NULL), (22, 1, 32, x'00')",
         )
         .unwrap();
     let mut bag = Bag::open(&path).unwrap();
@@ -95,6 +96,7 @@ fn rows_of_a_database_come_by_their_time_and_what_cannot_be_used_is_said() {
     let said = [
         "messages of /c: their encoding is \"protobuf\"",
         "messages of a topic that is not in the database: 9",
+        "messages of topic 4: its name, type or encoding is no text",
         "messages of /a that are no bytes",
         "messages of /a without a body",
         "1 messages have no time",
