@@ -330,6 +330,12 @@ fn what_the_new_configuration_adds_differs_where_it_shows_something() {
     let one = &found[0];
     assert_eq!((&one["new"]["countermeasures"], code), (&json!(0), Some(1)), "{one}");
     assert!(one["recorded"]["countermeasures"].as_u64() > Some(0), "{one}");
+    // Another urgency, with all nodes as they were.
+    let urgent = SHUTTLE.replace("urgency: be_ready", "urgency: take_over");
+    let (found, code) = objects(&[&files.write("urgent.yaml", urgent), &recording]);
+    let first = &found[0]["first"];
+    assert_eq!((&first["of"], code), (&json!("instruction"), Some(1)), "{first}");
+    assert_eq!((&first["recorded"], &first["new"]), (&json!("be_ready"), &json!("take_over")), "{first}");
 }
 
 #[test]

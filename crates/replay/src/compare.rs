@@ -17,6 +17,7 @@ use super::trace::{Changes, Counts, Shown, Totals, Trace};
 use super::{Facts, Recording, ReplayError, Run};
 use telltale_config::{Loaded, difference};
 use telltale_engine::model::Stage;
+use telltale_engine::model::wording::Urgency;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::fields::Definitions;
 
@@ -71,6 +72,11 @@ pub enum PartingOf {
         recorded: Vec<String>,
         new: Vec<String>,
     },
+    /// The urgency of the instruction, by its word in a configuration.
+    Instruction {
+        recorded: Option<&'static str>,
+        new: Option<&'static str>,
+    },
     Alarms {
         recorded: Vec<Arc<str>>,
         new: Vec<Arc<str>>,
@@ -105,6 +111,16 @@ pub struct Mistake {
     pub column: Option<usize>,
     pub message: String,
     pub help: String,
+}
+
+impl Mistake {
+    /// Its file with the line and the column.
+    pub fn place(&self) -> String {
+        match (self.line, self.column) {
+            (Some(line), Some(column)) => format!("{}:{line}:{column}", self.file),
+            _ => self.file.clone(),
+        }
+    }
 }
 
 impl Candidate {
@@ -278,6 +294,9 @@ fn whole_parting(left: &Trace, right: &Trace, to: Timestamp) -> Option<Parting> 
         PartingOf::Stage { recorded: was.stage, new: is.stage }
     } else if was.requests != is.requests {
         PartingOf::Requests { recorded: was.requests, new: is.requests }
+    } else if was.asked != is.asked {
+        let [recorded, new] = [was.asked, is.asked].map(|it| it.map(Urgency::as_str));
+        PartingOf::Instruction { recorded, new }
     } else {
         PartingOf::Alarms { recorded: was.alarms, new: is.alarms }
     };
@@ -380,6 +399,9 @@ impl PartingOf {
             PartingOf::Stage { recorded, new } => json!({ "of": "stage", "recorded": recorded, "new": new }),
             PartingOf::Requests { recorded, new } => {
                 json!({ "of": "countermeasures", "recorded": recorded, "new": new })
+            }
+            PartingOf::Instruction { recorded, new } => {
+                json!({ "of": "instruction", "recorded": recorded, "new": new })
             }
             PartingOf::Alarms { recorded, new } => {
                 json!({ "of": "alarms", "recorded": recorded, "new": new })

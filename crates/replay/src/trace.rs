@@ -10,6 +10,7 @@ use super::{ReplayError, Run, Taken};
 use telltale_engine::event::EventKind;
 use telltale_engine::model::NodeId;
 use telltale_engine::model::countermeasure::RequestKind;
+use telltale_engine::model::wording::Urgency;
 use telltale_engine::snapshot::Snapshot;
 use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
@@ -46,6 +47,8 @@ pub struct Whole {
     pub requests: Vec<String>,
     /// The nodes with an active alarm.
     pub alarms: Vec<Arc<str>>,
+    /// The urgency of the instruction, if faults have any.
+    pub asked: Option<Urgency>,
 }
 
 /// How much one side shows, from the first instant that is shown on.
@@ -259,7 +262,8 @@ impl Trace {
                 active.map(|alarm| snapshot.node_name(alarm.node).clone()).collect();
             alarms.sort_unstable();
             let requests = snapshot.countermeasures.iter().map(request).collect();
-            let whole = Whole { stage: snapshot.stage.as_str(), requests, alarms };
+            let asked = snapshot.asked.map(|it| it.urgency);
+            let whole = Whole { stage: snapshot.stage.as_str(), requests, alarms, asked };
             self.kept += usize::from(push(&mut self.whole, snapshot.now.max(self.from), whole));
         }
     }

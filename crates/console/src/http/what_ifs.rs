@@ -278,21 +278,14 @@ impl RowHtml {
 }
 
 /// The mistake, in the place where the text has it.
-fn mistake(
-    Mistake { file, line, column, message, help }: &Mistake,
-    texts: &[ConfigurationText],
-) -> MistakeHtml {
-    let text = texts.iter().find(|it| it.name == *file).map_or("", |it| &it.text);
-    let of_text = line.and_then(|line| text.lines().nth(line.checked_sub(1)?)).unwrap_or_default();
-    let place = match (line, column) {
-        (Some(line), Some(column)) => format!("{file}:{line}:{column}"),
-        _ => file.clone(),
-    };
+fn mistake(mistake: &Mistake, texts: &[ConfigurationText]) -> MistakeHtml {
+    let text = texts.iter().find(|it| it.name == mistake.file).map_or("", |it| &it.text);
+    let of_text = mistake.line.and_then(|line| text.lines().nth(line.checked_sub(1)?)).unwrap_or_default();
     MistakeHtml {
-        place: clean(&place, 2 * NAME),
+        place: clean(&mistake.place(), 2 * NAME),
         line: clean(of_text.trim(), MESSAGE),
-        message: clean(message, 4 * MESSAGE),
-        help: clean(help, 4 * MESSAGE),
+        message: clean(&mistake.message, 4 * MESSAGE),
+        help: clean(&mistake.help, 4 * MESSAGE),
     }
 }
 

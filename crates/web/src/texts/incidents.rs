@@ -140,7 +140,7 @@ texts! {
         running: "Running", "Läuft";
         again: "Load again", "Neu laden";
         wrong: "The configuration has mistakes. Nothing was run.", "Die Konfiguration hat Fehler. Nichts wurde durchgespielt.";
-        nothing_differs: "Nothing differs: states, causes, phases, alarms and countermeasures are the same at every instant.", "Kein Unterschied: Zustände, Ursachen, Phasen, Alarme und Gegenmaßnahmen sind in jedem Augenblick gleich.";
+        nothing_differs: "Nothing differs: states, causes, phases, alarms, countermeasures and the urgency of the instruction are the same at every instant.", "Kein Unterschied: Zustände, Ursachen, Phasen, Alarme, Gegenmaßnahmen und die Dringlichkeit der Anweisung sind in jedem Augenblick gleich.";
         differs: "What would have been different", "Was anders gewesen wäre";
         means: "What both configurations mean differently", "Was beide Konfigurationen verschieden meinen";
         means_same: "Both configurations mean the same.", "Beide Konfigurationen bedeuten dasselbe.";
@@ -151,6 +151,7 @@ texts! {
         alarms: "Alarms", "Alarme";
         masked: "Masked nodes", "Maskierte Knoten";
         requests: "Requests to the vehicle", "Anforderungen ans Fahrzeug";
+        instruction: "Urgency of the instruction", "Dringlichkeit der Anweisung";
         transitions: "Changes", "Änderungen";
         to_root: "Time to the root", "Zeit bis zur Ursache";
         sides: "In each cell: recorded \u{2192} new.", "In jeder Zelle: aufgezeichnet \u{2192} neu.";

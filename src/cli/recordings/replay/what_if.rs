@@ -367,6 +367,10 @@ fn parting(comparison: &Comparison, Parting { at, of }: &Parting) -> String {
         }
         PartingOf::Stage { recorded, new } => format!("stage: {recorded} -> {new}"),
         PartingOf::Requests { recorded, new } => format!("requests: {} -> {}", listed(recorded), listed(new)),
+        PartingOf::Instruction { recorded, new } => {
+            let word = |it: &Option<&'static str>| it.unwrap_or("nothing");
+            format!("instruction: {} -> {}", word(recorded), word(new))
+        }
         PartingOf::Alarms { recorded, new } => format!("alarms: {} -> {}", names(recorded), names(new)),
     };
     let others = (comparison.nodes.len() + comparison.more_nodes).saturating_sub(1);

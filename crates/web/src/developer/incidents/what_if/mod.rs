@@ -246,16 +246,11 @@ fn what_if(
 }
 
 fn row(mistake: &Mistake, texts: &[ConfigurationText]) -> MistakeRow {
-    let Mistake { file, line, column, message, help } = mistake;
-    let place = match (line, column) {
-        (Some(line), Some(column)) => format!("{file}:{line}:{column}"),
-        _ => file.clone(),
-    };
     MistakeRow {
-        place: clean(&place, 2 * NAME),
-        line: line.unwrap_or(1),
-        file: texts.iter().position(|it| it.name == *file).unwrap_or(0),
-        message: clean(message, 4 * MESSAGE),
-        help: clean(help, 4 * MESSAGE),
+        place: clean(&mistake.place(), 2 * NAME),
+        line: mistake.line.unwrap_or(1),
+        file: texts.iter().position(|it| it.name == mistake.file).unwrap_or(0),
+        message: clean(&mistake.message, 4 * MESSAGE),
+        help: clean(&mistake.help, 4 * MESSAGE),
     }
 }

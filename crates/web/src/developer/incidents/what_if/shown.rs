@@ -146,6 +146,10 @@ fn first_of(lang: Lang, comparison: &Comparison, Parting { at, of }: &Parting) -
             (it.stage.to_owned(), stage_word(lang, recorded).to_owned(), stage_word(lang, new).to_owned())
         }
         PartingOf::Requests { recorded, new } => (it.requests.to_owned(), listed(recorded), listed(new)),
+        PartingOf::Instruction { recorded, new } => {
+            let word = |urgency: &Option<&'static str>| urgency.unwrap_or(it.nothing).to_owned();
+            (it.instruction.to_owned(), word(recorded), word(new))
+        }
         PartingOf::Alarms { recorded, new } => (it.alarms.to_owned(), alarms(recorded), alarms(new)),
     };
     let wall = crate::incidents::wall_time(ms);
