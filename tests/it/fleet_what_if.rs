@@ -156,6 +156,30 @@ async fn the_fetched_recordings_of_a_group_are_judged_by_another_configuration()
     assert!(problem.starts_with(&format!("shuttle.yaml:{line}:")), "{problem}");
     let page = caller.get("/what-ifs/3").await;
     assert!(page.contains("timeout: soon") && page.contains("from=3"), "{page}");
+
+    // The recording is replayed as on the vehicle: the operator's screen and the developer's pages, to read.
+    let page = caller.get("/vehicles/a").await;
+    assert!(page.contains("href=\"/replay/a.1?at=2027-01-15T08:00:00"), "{page}");
+    let at = format!("/replay/a.1?at={}", BEGAN_NS / 1_000_000 + 5000);
+    let page = caller.get(&at).await;
+    assert!(page.contains("a #1") && page.contains("href=\"/vehicles/a#incident-1\""), "{page}");
+    let screen = caller.get("/replay/a.1/screen/").await;
+    assert!(screen.contains("class=\"page-operator\"") && screen.contains("LiDAR data missing"), "{screen}");
+    assert!(caller.get("/replay/a.1/screen/developer").await.contains("velodyne_packet_alive"));
+    let (status, place) = caller.ask(Method::POST, "/replay/a.1/state", "step=next".into()).await;
+    assert_eq!(status, StatusCode::OK, "{place}");
+    for (method, path, expected) in [
+        (Method::POST, "/replay/a.1/screen/vehicle/stop", StatusCode::METHOD_NOT_ALLOWED),
+        (Method::PUT, "/replay/a.1/state", StatusCode::METHOD_NOT_ALLOWED),
+        (Method::GET, "/replay/a.1/screen/developer/audit", StatusCode::NOT_FOUND),
+        (Method::GET, "/replay/a.2", StatusCode::NOT_FOUND),
+        (Method::GET, "/replay/b.1", StatusCode::NOT_FOUND),
+        (Method::GET, "/replay/a.01", StatusCode::NOT_FOUND),
+        (Method::GET, "/replay/recent", StatusCode::NOT_FOUND),
+        (Method::GET, "/replay/1", StatusCode::NOT_FOUND),
+    ] {
+        assert_eq!(caller.ask(method, path, String::new()).await.0, expected, "{path}");
+    }
     following.abort();
     fetching.abort();
 }

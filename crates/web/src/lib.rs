@@ -49,7 +49,7 @@ use operator::act::Turns;
 use operator::stop_once::Stops;
 use operator::two_steps::PendingConfirmation;
 use replays::Replays;
-pub use replays::ServedFile;
+pub use replays::{ServedFile, ServedFiles};
 use serve::accept::Listening;
 use telltale_clock::Clock;
 use telltale_clock::latency::Latency;
@@ -69,7 +69,7 @@ pub use http::origins::{NoOrigin, Origins};
 use incidents::WhatIfs;
 pub use incidents::{Examiner, Marker, Marking, NotMarked, RecordingState};
 pub use live::frame::{snapshot_schema, stream_schema};
-pub use router::{BODY_BYTES_MAX, Route, TEXT_BYTES_MAX, openapi, router, routes};
+pub use router::{BODY_BYTES_MAX, Route, TEXT_BYTES_MAX, openapi, router, routes, shown_files};
 pub use self_check::{SelfCheck, Stuck};
 pub use serve::accept::{serve, serve_router};
 pub use serve::tls::{CertificateValidity, RENEW_BEFORE, Tls, TlsError};
@@ -91,7 +91,7 @@ pub mod common {
     pub use crate::http::respond::{FormOf, Reader, Speaks, bad_field, cookie, json_answer, refusal};
     pub use crate::incidents::{sent_recording, wall_time};
     pub use crate::pages::{asset, healthz, not_found, wrong_method};
-    pub use crate::replays::asked_ms;
+    pub use crate::replays::{asked_ms, passed_on};
     pub use crate::view::Home;
     pub use crate::view::page::frame::PageFrame;
 }
@@ -133,8 +133,8 @@ pub struct Settings {
     pub marker: Option<Marker>,
     /// The words of the pages about the recording; `None` if nothing is recorded.
     pub recording: Option<RecordingState>,
-    /// The recording that is shown instead of a vehicle.
-    pub replayed: Option<ServedFile>,
+    /// The recordings that are shown instead of a vehicle.
+    pub replayed: Option<ServedFiles>,
 }
 
 impl Settings {

@@ -18,7 +18,6 @@ use tower_http::compression::predicate::{DefaultPredicate, Predicate as _};
 use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::timeout::TimeoutLayer;
 
-use super::AppState;
 use super::api::openapi::{Described, Description, VEHICLE, document};
 use super::api::operation::Operation;
 use super::api::operations as op;
@@ -27,11 +26,20 @@ use super::developer::incidents::what_if;
 use super::developer::shelving;
 use super::http::guard::Access::{Asset, Open, Roles, Session};
 use super::http::guard::{Access, AccessTable, guard};
+use super::http::origins::Origins;
 use super::http::{headers, plain_errors, readers};
 use super::live::socket;
 use super::operator::{actions, last_alarms};
+use super::replays::ServedFiles;
+use super::source::Player;
+use super::{AppState, Settings};
 use super::{api, demo, developer, incidents, pages, replays};
+use telltale_clock::Clock;
+use telltale_engine::Engine;
+use telltale_engine::model::{Model, Parts, StageModel};
+use telltale_runtime::Published;
 use telltale_store::Role::{Authority, Developer, Operator};
+use telltale_store::Store;
 
 /// The largest body of a request.
 pub const BODY_BYTES_MAX: usize = 16 * 1024;
@@ -196,6 +204,20 @@ pub fn router(app: AppState) -> Router {
         .layer(from_fn_with_state(app.settings.secure, headers::secure))
         .layer(Extension(description))
         .with_state(app)
+}
+
+/// The service of the recordings that another server shows. That server knows who may see which, and logs people in.
+pub fn shown_files(
+    files: ServedFiles,
+    (store, clock): (Store, Clock),
+    origins: Origins,
+    secure: bool,
+) -> Router {
+    let model = Model::new(Parts::empty("", StageModel::None)).expect("nothing depends on itself");
+    let snapshot = Engine::new(Arc::new(model), clock.now()).snapshot();
+    let (_, source) = Player::start(Published::recorded(snapshot, clock.wall()));
+    let settings = Settings { replayed: Some(files), ..Settings::plain(origins, secure) };
+    router(AppState::new(source, store, clock, settings))
 }
 
 /// Whether an answer was made for this request. Files have a tag; they are compressed already, or too small.

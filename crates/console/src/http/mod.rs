@@ -1,5 +1,5 @@
-//! The console's pages and API. Every route but login, logout, the wish for a recording and what-ifs is for reading, and none
-//! acts on a vehicle.
+//! The console's pages and API. Every route but login, logout, the wish for a recording, replays and what-ifs is for reading,
+//! and none acts on a vehicle.
 
 mod answers;
 mod grouped;
@@ -12,6 +12,7 @@ mod oidc;
 mod operations;
 mod page;
 mod recordings;
+mod replays;
 mod row;
 #[cfg(test)]
 mod tests;
@@ -25,7 +26,7 @@ use std::sync::{Arc, Mutex};
 use axum::extract::DefaultBodyLimit;
 use axum::http::StatusCode;
 use axum::middleware::{from_fn, from_fn_with_state};
-use axum::routing::{MethodRouter, get, post};
+use axum::routing::{MethodRouter, any, get, post};
 use axum::{Extension, Router};
 use telltale_clock::Clock;
 use telltale_store::Store;
@@ -66,7 +67,9 @@ impl Console {
     /// `data`: its data folder.
     pub fn new(shared: Shared, store: Store, data: &Path, origins: Origins, secure: bool) -> Console {
         let clock = shared.clock;
-        let (fleet, origins) = (Everything::new(shared, data), Arc::new(origins));
+        let served = (store.clone(), clock);
+        let replays = |folder| replays::server(folder, served, origins.clone(), secure);
+        let (fleet, origins) = (Everything::new(shared, data, replays), Arc::new(origins));
         Console { fleet, store, clock, origins, secure, throttle: Arc::default(), oidc: None }
     }
 
@@ -115,6 +118,7 @@ fn routes() -> Vec<Route> {
         on("/vehicles/{id}/log", get(log::log)),
         on("/vehicles/{id}/incidents/{number}/fetch", post(recordings::fetch)).told(op::FETCH),
         on("/vehicles/{id}/incidents/{number}/recording", get(recordings::download)).told(op::RECORDING),
+        on("/replay/{*path}", any(replays::replay)),
         on("/incidents", get(incidents::page)),
         on("/incidents/what-if", get(what_ifs::form).post(what_ifs::start))
             .with_text()

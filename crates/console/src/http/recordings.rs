@@ -32,6 +32,8 @@ pub struct IncidentHtml {
     pub words: String,
     pub fetches: bool,
     pub downloads: bool,
+    /// It can be replayed.
+    pub is_here: bool,
 }
 
 /// The incidents of a page, and how many more there are.
@@ -53,6 +55,7 @@ pub fn incidents(vehicle: &Vehicle, view: &View, lang: Lang) -> (Vec<IncidentHtm
             words,
             fetches: may_fetch && !is_here && !step.is_some_and(Step::is_open),
             downloads: is_here && may_download,
+            is_here,
         }
     };
     let shown = vehicle.incidents.iter().rev().take(INCIDENTS_MAX).map(incident);
@@ -89,8 +92,12 @@ fn may_download(view: &View, id: &VehicleId) -> bool {
 
 /// The vehicle and the incident of an address.
 fn named((id, number): (String, String)) -> Result<(VehicleId, u64), HttpError> {
-    let number = number.parse().ok().filter(|it: &u64| it.to_string() == number);
-    VehicleId::new(&id).zip(number).ok_or(HttpError::NotFound)
+    VehicleId::new(&id).zip(numbered(&number)).ok_or(HttpError::NotFound)
+}
+
+/// The number of an incident, which is written in one way alone.
+pub fn numbered(text: &str) -> Option<u64> {
+    text.parse().ok().filter(|it: &u64| it.to_string() == text)
 }
 
 fn record(view: &View, action: Action, source: std::net::IpAddr, on: &(VehicleId, u64)) -> Record {

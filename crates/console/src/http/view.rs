@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, MutexGuard};
 
+use axum::Router;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use telltale_engine::time::{Span, Timestamp};
@@ -35,6 +36,8 @@ pub struct Everything {
     shared: Shared,
     /// The folder of the recordings.
     recordings: PathBuf,
+    /// The server of their replays.
+    replays: Router,
     /// Permits to read a history.
     histories: Arc<Semaphore>,
     /// `None` where no configuration can be read.
@@ -42,10 +45,11 @@ pub struct Everything {
 }
 
 impl Everything {
-    /// `data`: the data folder.
-    pub fn new(shared: Shared, data: &Path) -> Everything {
+    /// `data`: the data folder. `replays`: makes the server of the replays of a folder.
+    pub fn new(shared: Shared, data: &Path, replays: impl FnOnce(PathBuf) -> Router) -> Everything {
         let (recordings, histories) = (data.join(recordings::FOLDER), Arc::new(Semaphore::new(AT_A_TIME)));
-        Everything { shared, recordings, histories, what_ifs: None }
+        let replays = replays(recordings.clone());
+        Everything { shared, recordings, replays, histories, what_ifs: None }
     }
 
     pub fn with_what_ifs(self, data: &Path, examiner: Examiner) -> Everything {
@@ -124,6 +128,11 @@ impl View {
     pub fn recording(&self, id: &VehicleId, number: u64) -> Result<PathBuf, HttpError> {
         self.fleet().vehicle(id)?;
         Ok(path_of(&self.all().recordings, id, number))
+    }
+
+    /// The server of the replays of recordings that are here.
+    pub fn replays(&self) -> &Router {
+        &self.all().replays
     }
 
     /// # Errors

@@ -106,8 +106,8 @@ pub async fn differences(
     let moments = [moment(first.at_ms, a), moment(second.at_ms, b)];
     Ok(Html(html(&DifferencesHtml {
         frame: PageFrame::new(lang, reader.palette),
-        name: about_name(&app, replay.subject, it),
-        subject: replay.subject,
+        name: about_name(&app, &replay.subject, it),
+        subject: replay.subject.clone(),
         edited: if replay.subject.is_edited() { it.edited } else { "" },
         missing: replay.missing.told(lang, it),
         back: moments[1].address.clone(),

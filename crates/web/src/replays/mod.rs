@@ -27,8 +27,8 @@ pub use moment::moment;
 use opening::Opening;
 pub use page::{asked_ms, control, get, state};
 use player::{Controls, PlayState};
-pub use screen::{first as first_screen, get as screen, is_page};
-pub use subject::{ServedFile, Subject};
+pub use screen::{first as first_screen, get as screen, is_page, passed_on};
+pub use subject::{ServedFile, ServedFiles, Subject};
 use telltale_clock::Clock;
 use telltale_clock::unix_ms;
 use telltale_engine::time::{Span, Timestamp};
@@ -81,17 +81,17 @@ impl Replays {
     }
 
     /// The open replay by this session, which is used now.
-    fn find(&self, subject: Subject, session: &Session, now: Timestamp) -> Option<OpenReplay> {
+    fn find(&self, subject: &Subject, session: &Session, now: Timestamp) -> Option<OpenReplay> {
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
         open.retain(|it| now.since(it.used) < IDLE_MAX && it.session.is_open());
-        let found = open.iter_mut().find(|it| it.subject == subject && it.session.is(session))?;
+        let found = open.iter_mut().find(|it| it.subject == *subject && it.session.is(session))?;
         found.used = now;
         Some(found.clone())
     }
 
     /// The same, as it stands in an address.
     fn of_address(&self, id: &str, session: &Session, now: Timestamp) -> Option<OpenReplay> {
-        self.find(id.parse().ok()?, session, now)
+        self.find(&id.parse().ok()?, session, now)
     }
 
     fn add(&self, replay: OpenReplay) {

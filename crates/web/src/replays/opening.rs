@@ -34,9 +34,9 @@ pub(super) struct Opening {
 }
 
 impl Replays {
-    fn opening(&self, subject: Subject, session: &Session) -> Option<watch::Receiver<Outcome>> {
+    fn opening(&self, subject: &Subject, session: &Session) -> Option<watch::Receiver<Outcome>> {
         let opening = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = opening.iter().find(|it| it.subject == subject && it.session.is(session));
+        let found = opening.iter().find(|it| it.subject == *subject && it.session.is(session));
         found.map(|it| it.outcome.clone())
     }
 
@@ -52,9 +52,9 @@ impl Replays {
         Ok(())
     }
 
-    fn remove_opening(&self, subject: Subject, session: &Session) {
+    fn remove_opening(&self, subject: &Subject, session: &Session) {
         let mut opening = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
-        opening.retain(|it| it.subject != subject || !it.session.is(session));
+        opening.retain(|it| it.subject != *subject || !it.session.is(session));
     }
 }
 
@@ -62,13 +62,13 @@ impl Replays {
 /// that ended before this moment, or if its configuration was edited since: then the new one takes its place.
 pub(super) async fn of(
     app: &AppState,
-    subject: Subject,
+    subject: &Subject,
     incident: Option<&Incident>,
     session: &Session,
     at_ms: Option<i64>,
 ) -> Result<OpenReplay, HttpError> {
     let edited = match subject {
-        Subject::WhatIf(id) => app.what_ifs.of(session, id),
+        Subject::WhatIf(id) => app.what_ifs.of(session, *id),
         _ => None,
     };
     let is_newest = |open: &OpenReplay| {
@@ -77,7 +77,7 @@ pub(super) async fn of(
     };
     let reaches = |open: &OpenReplay| {
         let ends_later =
-            subject != Subject::Recent || at_ms.is_none_or(|at_ms| at_ms <= open.state.borrow().to_ms);
+            *subject != Subject::Recent || at_ms.is_none_or(|at_ms| at_ms <= open.state.borrow().to_ms);
         ends_later && is_newest(open)
     };
     if let Some(open) = app.replays.find(subject, session, app.clock.now()).filter(reaches) {
@@ -100,7 +100,7 @@ pub(super) async fn of(
 
 fn begin(
     app: &AppState,
-    subject: Subject,
+    subject: &Subject,
     incident: Option<&Incident>,
     session: &Session,
     edited: Option<&Arc<WhatIf>>,
@@ -121,11 +121,16 @@ fn begin(
         }
         (Subject::Incident(_) | Subject::WhatIf(_), None) => return Err(HttpError::NotFound),
         (Subject::Recent, _) => (subject::recent(app)?, None),
-        (Subject::File, _) => (subject::file(app)?, None),
+        (Subject::File(name), _) => (subject::file(app, name)?.opening(), None),
     };
     let (told, outcome) = watch::channel(None);
-    app.replays.add_opening(Opening { subject, session: session.clone(), outcome: outcome.clone() })?;
+    app.replays.add_opening(Opening {
+        subject: subject.clone(),
+        session: session.clone(),
+        outcome: outcome.clone(),
+    })?;
     let (app, session, edited) = (app.clone(), session.clone(), edited.cloned());
+    let subject = subject.clone();
     // If the request is gone by then, the next one finds it.
     tokio::spawn(async move {
         let outcome = opened(&app, subject, &session, (open, edited), since_ms).await;

@@ -13,7 +13,7 @@ use super::moment::{asks, recorder_holds};
 use super::opening::of;
 use super::player::{Order, PlayState};
 use super::screen::is_page;
-use super::{OpenReplay, Subject};
+use super::{OpenReplay, Subject, subject};
 use crate::AppState;
 use crate::developer::incidents::content::{Content, Medium};
 use crate::http::guard::SignedIn;
@@ -84,24 +84,25 @@ struct About {
 }
 
 /// The name of a recording, for people.
-pub(super) fn about_name(app: &AppState, subject: Subject, it: &'static IncidentWords) -> String {
+pub(super) fn about_name(app: &AppState, subject: &Subject, it: &'static IncidentWords) -> String {
     match subject {
         Subject::Incident(id) => format!("{} {id}", it.incident),
         Subject::WhatIf(id) => format!("{} {id}, {}", it.incident, it.edited),
         Subject::Recent => it.last_minutes.to_owned(),
-        Subject::File => {
-            app.settings.replayed.as_ref().map(|file| clean(&file.name, 2 * NAME)).unwrap_or_default()
+        Subject::File(name) => {
+            subject::file(app, name).map(|file| clean(&file.name, 2 * NAME)).unwrap_or_default()
         }
     }
 }
 
-fn about(app: &AppState, subject: Subject, it: &'static IncidentWords) -> About {
+fn about(app: &AppState, subject: &Subject, it: &'static IncidentWords) -> About {
     let (leave, leave_word) = match subject {
         Subject::Incident(id) => (format!("/incidents/{id}"), it.leave_replay),
         Subject::WhatIf(id) => (format!("/incidents/{id}/what-if"), it.leave_replay),
         Subject::Recent => ("/developer".to_owned(), it.back_to_now),
-        // There is nothing else.
-        Subject::File => (String::new(), ""),
+        Subject::File(name) => {
+            (subject::file(app, name).map(|file| file.leave).unwrap_or_default(), it.leave_replay)
+        }
     };
     About { name: about_name(app, subject, it), leave, leave_word }
 }
@@ -109,7 +110,7 @@ fn about(app: &AppState, subject: Subject, it: &'static IncidentWords) -> About 
 /// The incident of the store, where one is replayed, and the replay.
 async fn opened(
     app: &AppState,
-    subject: Subject,
+    subject: &Subject,
     session: &Session,
     at_ms: Option<i64>,
 ) -> Result<(Option<Incident>, OpenReplay), HttpError> {
@@ -136,10 +137,10 @@ pub async fn get(
         let open = app.replays.of_address(&id, &session, app.clock.now());
         open.is_some_and(|open| open.state.borrow().from_ms <= at_ms) || recorder_holds(&app, at_ms)
     };
-    if let (Subject::Recent, Some(at_ms)) = (subject, at_ms.filter(|&at_ms| !holds(at_ms))) {
+    if let (Subject::Recent, Some(at_ms)) = (&subject, at_ms.filter(|&at_ms| !holds(at_ms))) {
         return Ok(Redirect::to(&format!("/developer/moment{}", asks(at_ms, &screen))).into_response());
     }
-    let (incident, replay) = match opened(&app, subject, &session, at_ms).await {
+    let (incident, replay) = match opened(&app, &subject, &session, at_ms).await {
         // The page asks again by itself.
         Err(HttpError::Opening) => return Ok(([(REFRESH, "1")], HttpError::Opening).into_response()),
         opened => opened?,
@@ -169,8 +170,7 @@ pub async fn get(
     };
     Ok(Html(html(&ReplayHtml {
         frame: PageFrame::new(lang, reader.palette),
-        about: about(&app, subject, content.it),
-        subject,
+        about: about(&app, &subject, content.it),
         edited: if subject.is_edited() { it.edited } else { "" },
         missing: replay.missing.told(lang, it),
         unheard: replay.missing.unheard(lang),
@@ -190,6 +190,7 @@ pub async fn get(
         screen: if is_screen(&screen) { screen } else { "/".to_owned() },
         content,
         state,
+        subject,
     }))
     .into_response())
 }

@@ -1,6 +1,7 @@
 //! The screens of a replay: the operator's page and the developer's pages as they were, behind the address of the
 //! replay.
 
+use axum::Router;
 use axum::body::{Body, to_bytes};
 use axum::extract::{Path, Request, State};
 use axum::http::header::{ACCEPT_ENCODING, CONTENT_LENGTH, CONTENT_SECURITY_POLICY, CONTENT_TYPE};
@@ -17,6 +18,7 @@ use crate::http::headers::FRAMED;
 use crate::http::respond::{Reader, refusal};
 use crate::live::byte_budget::Meter;
 use crate::texts::{HttpError, IncidentWords};
+use crate::view::Home;
 
 /// The developer's pages of a replay. All others read the present of the vehicle, of its store or of its files.
 const PAGES: [&str; 8] = [
@@ -77,28 +79,34 @@ pub async fn get(
         return based(refusal(&reader, HttpError::NotFound), &base, &[]).await;
     };
     *request.uri_mut() = uri;
-    // The parameters of this address would be taken for those of the one behind it.
-    let mut outer = std::mem::take(request.extensions_mut());
-    carry::<Peer>(&mut outer, &mut request);
-    carry::<Meter>(&mut outer, &mut request);
-    carry::<ConnectionHandle>(&mut outer, &mut request);
-    carry::<OnUpgrade>(&mut outer, &mut request);
     // The answer is changed, and compressed afterwards.
     request.headers_mut().remove(ACCEPT_ENCODING);
-    let answer = match open.screen.clone().oneshot(request).await {
-        Ok(answer) => answer,
-        Err(never) => match never {},
-    };
+    let answer = passed_on(&open.screen, request).await;
     let it = IncidentWords::of(reader.lang);
     let edited = if open.subject.is_edited() { it.edited } else { "" };
     let signs = [("edited", edited), ("missing", &*open.missing.sign(reader.lang, it))];
-    based(answer.into_response(), &base, &signs).await
+    based(answer, &base, &signs).await
 }
 
 /// Whether this is the address of a developer's page behind that of a replay, maybe with a query.
 pub fn is_page(address: &str) -> bool {
     let path = address.split(['?', '#']).next().and_then(|path| path.strip_prefix('/'));
     path.is_some_and(|path| PAGES.contains(&path))
+}
+
+/// The answer of a server behind this one.
+pub async fn passed_on(server: &Router, mut request: Request) -> Response {
+    // The parameters of this address would be taken for those of the one behind it.
+    let mut outer = std::mem::take(request.extensions_mut());
+    carry::<Peer>(&mut outer, &mut request);
+    carry::<Meter>(&mut outer, &mut request);
+    carry::<ConnectionHandle>(&mut outer, &mut request);
+    carry::<OnUpgrade>(&mut outer, &mut request);
+    carry::<Home>(&mut outer, &mut request);
+    match server.clone().oneshot(request).await {
+        Ok(answer) => answer,
+        Err(never) => match never {},
+    }
 }
 
 /// Gives a request what the connection says of itself.

@@ -1,7 +1,8 @@
 //! The source of a replay: an incident, as it was judged or as an edited configuration judges it, the last minutes,
-//! or the file with which `telltale replay --serve` was started.
+//! or a file that this server shows, of `telltale replay --serve` or of a fleet's console.
 
 use std::fmt;
+use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -16,46 +17,76 @@ use telltale_record::writer::{Place, write_recent};
 use telltale_replay::{Recording, ReplayError, Run};
 use telltale_store::TemporaryFolder;
 
-/// Opens the recording that a server shows. It may run by another configuration than it was recorded by.
+/// Opens a recording. It may run by another configuration than it was recorded by.
 type OpenFile = dyn Fn() -> Result<Run, ReplayError> + Send + Sync;
 
-/// The recording with which the server was started.
+/// A recording that this server shows.
+#[derive(Clone)]
 pub struct ServedFile {
+    /// For people.
     pub name: String,
+    /// The page from which people come; empty if there is none.
+    pub leave: String,
     open: Arc<OpenFile>,
 }
 
 impl ServedFile {
     pub fn new(
         name: String,
+        leave: String,
         open: impl Fn() -> Result<Run, ReplayError> + Send + Sync + 'static,
     ) -> ServedFile {
-        ServedFile { name, open: Arc::new(open) }
+        ServedFile { name, leave, open: Arc::new(open) }
     }
 
-    /// # Errors
-    /// It cannot be replayed.
-    pub fn open(&self) -> Result<Run, ReplayError> {
-        (self.open)()
+    pub(super) fn opening(&self) -> Open {
+        let open = self.open.clone();
+        Box::new(move || open())
+    }
+
+    /// A recording in a file, as it was judged.
+    pub fn of_path(name: String, leave: String, path: PathBuf) -> ServedFile {
+        ServedFile::new(name, leave, move || Recording::open(&path).and_then(Run::recorded))
     }
 }
 
-impl fmt::Debug for ServedFile {
+/// The recordings that this server shows, by their names in addresses: `file`, or a name with a dot in it.
+pub struct ServedFiles(Box<dyn Fn(&str) -> Option<ServedFile> + Send + Sync>);
+
+impl ServedFiles {
+    pub fn new(of: impl Fn(&str) -> Option<ServedFile> + Send + Sync + 'static) -> ServedFiles {
+        ServedFiles(Box::new(of))
+    }
+
+    /// This one alone, as `file`.
+    pub fn one(file: ServedFile) -> ServedFiles {
+        ServedFiles::new(move |name| (name == FILE).then(|| file.clone()))
+    }
+
+    pub(super) fn of(&self, name: &str) -> Option<ServedFile> {
+        (self.0)(name)
+    }
+}
+
+impl fmt::Debug for ServedFiles {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("ServedFile").field(&self.name).finish()
+        f.write_str("ServedFiles")
     }
 }
+
+/// The name of the file of `telltale replay --serve` in addresses.
+const FILE: &str = "file";
 
 /// The source of a replay, as it stands in its address.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Subject {
     Incident(u64),
     /// The same by the configuration of this person's last what-if of it.
     WhatIf(u64),
     /// The content of the recorder's ring when it was opened.
     Recent,
-    /// The file of `telltale replay --serve`.
-    File,
+    /// A file that this server shows, by its name.
+    File(Arc<str>),
 }
 
 /// Behind the number of an incident in the address of its replay by an edited configuration.
@@ -63,15 +94,15 @@ const WHAT_IF: &str = "-what-if";
 
 impl Subject {
     /// The incident of the store that it shows.
-    pub(super) fn incident(self) -> Option<u64> {
+    pub(super) fn incident(&self) -> Option<u64> {
         match self {
-            Subject::Incident(id) | Subject::WhatIf(id) => Some(id),
-            Subject::Recent | Subject::File => None,
+            Subject::Incident(id) | Subject::WhatIf(id) => Some(*id),
+            Subject::Recent | Subject::File(_) => None,
         }
     }
 
     /// It shows what was never shown.
-    pub(super) fn is_edited(self) -> bool {
+    pub(super) fn is_edited(&self) -> bool {
         matches!(self, Subject::WhatIf(_))
     }
 }
@@ -82,7 +113,7 @@ impl FromStr for Subject {
     fn from_str(text: &str) -> Result<Subject, HttpError> {
         match text {
             "recent" => Ok(Subject::Recent),
-            "file" => Ok(Subject::File),
+            name if name == FILE || name.contains('.') => Ok(Subject::File(name.into())),
             number => match number.strip_suffix(WHAT_IF) {
                 Some(number) => number.parse().map(Subject::WhatIf),
                 None => number.parse().map(Subject::Incident),
@@ -98,7 +129,7 @@ impl fmt::Display for Subject {
             Subject::Incident(id) => id.fmt(f),
             Subject::WhatIf(id) => write!(f, "{id}{WHAT_IF}"),
             Subject::Recent => f.write_str("recent"),
-            Subject::File => f.write_str("file"),
+            Subject::File(name) => f.write_str(name),
         }
     }
 }
@@ -125,11 +156,9 @@ pub(super) fn recent(app: &AppState) -> Result<Open, HttpError> {
     Ok(Box::new(move || last_minutes(&recorder, &place)))
 }
 
-/// Opens the file of the server.
-pub(super) fn file(app: &AppState) -> Result<Open, HttpError> {
-    let file = app.settings.replayed.as_ref().ok_or(HttpError::NotFound)?;
-    let open = file.open.clone();
-    Ok(Box::new(move || open()))
+/// The file of the server with this name.
+pub(super) fn file(app: &AppState, name: &str) -> Result<ServedFile, HttpError> {
+    app.settings.replayed.as_ref().and_then(|files| files.of(name)).ok_or(HttpError::NotFound)
 }
 
 fn last_minutes(recorder: &Recorder, place: &Place) -> Result<Run, ReplayError> {
@@ -150,9 +179,10 @@ mod tests {
             ("12", Subject::Incident(12)),
             ("12-what-if", Subject::WhatIf(12)),
             ("recent", Subject::Recent),
-            ("file", Subject::File),
+            ("file", Subject::File("file".into())),
+            ("shuttle-03.5", Subject::File("shuttle-03.5".into())),
         ] {
-            assert_eq!((text.parse().ok(), &*subject.to_string()), (Some(subject), text));
+            assert_eq!((text.parse().ok(), &*subject.to_string()), (Some(subject.clone()), text));
         }
         for wrong in ["", "-what-if", "12-what", "x", "recent-what-if", "12-what-if-what-if", "-1"] {
             assert!(wrong.parse::<Subject>().is_err(), "{wrong}");

@@ -59,6 +59,7 @@ texts! {
         no_incidents: "The vehicle told of none.", "Das Fahrzeug hat keine gemeldet.";
         lasts: "lasts", "dauert an";
         fetch: "Fetch recording", "Aufzeichnung holen";
+        replay: "Replay", "Wiedergabe";
         download: "Download recording", "Aufzeichnung herunterladen";
         asked_for: "Asked for; the vehicle has not answered yet.", "Angefordert; das Fahrzeug hat noch nicht geantwortet.";
         sent_never: "The vehicle sends no recordings.", "Das Fahrzeug sendet keine Aufzeichnungen.";

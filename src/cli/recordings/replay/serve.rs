@@ -16,7 +16,7 @@ use crate::engine::model::{Model, Parts, StageModel};
 use crate::replay::{Playback, ReplayError, Run};
 use crate::runtime;
 use crate::store::{DemoSecrets, Role, Store};
-use crate::web::{self, AppState, Origins, ServedFile, Settings};
+use crate::web::{self, AppState, Origins, ServedFile, ServedFiles, Settings};
 
 /// The user who may look.
 const USER: &str = "developer";
@@ -40,7 +40,7 @@ pub fn run(args: &Args, name: String, open: Arc<Open>) -> anyhow::Result<ExitCod
     drop(playback);
     tokio::runtime::Runtime::new()
         .context("the async runtime cannot be started")?
-        .block_on(serve(args.listen, ServedFile::new(name, move || open())))
+        .block_on(serve(args.listen, ServedFile::new(name, String::new(), move || open())))
 }
 
 async fn serve(listen: SocketAddr, file: ServedFile) -> anyhow::Result<ExitCode> {
@@ -54,7 +54,7 @@ async fn serve(listen: SocketAddr, file: ServedFile) -> anyhow::Result<ExitCode>
     say!("{} is shown at {}", file.name, url(address, false));
     say!("Log in as `{USER}` with the password `{password}`. Ctrl-C ends it.");
     let origins = Origins::of_listener(address, false);
-    let settings = Settings { replayed: Some(file), ..Settings::plain(origins, false) };
+    let settings = Settings { replayed: Some(ServedFiles::one(file)), ..Settings::plain(origins, false) };
     // Somebody can only log in at an engine. Nothing shows this one: its model is empty.
     let model = Model::new(Parts::empty("", StageModel::None)).map_err(|cycle| anyhow!("{cycle:?}"))?;
     let app = AppState::new(runtime::start(Arc::new(model), clock), store, clock, settings);
