@@ -2,12 +2,17 @@
 
 use std::time::Duration;
 
-use async_nats::{Client, ConnectErrorKind, ConnectOptions};
+use async_nats::{Client, ConnectErrorKind, ConnectOptions, Message};
 use tokio::time::timeout;
 
 use crate::gate::{Gate, Pace};
 use crate::identity::Identity;
 use crate::line::{Hub, NoLine, inbox};
+
+/// What the hub says of a stored message in a header. The message itself may have one of the same name: the hub's is the last.
+pub fn said_of<'a>(message: &'a Message, name: &str) -> Option<&'a str> {
+    Some(message.headers.as_ref()?.get_last(name)?.as_str())
+}
 
 const CONNECTED_WITHIN: Duration = Duration::from_secs(10);
 

@@ -6,6 +6,7 @@ use async_nats::Client;
 use bytes::Bytes;
 use serde_json::json;
 
+use crate::connection::said_of;
 use crate::gate::Gate;
 use crate::line::Subjects;
 use crate::message::VehicleId;
@@ -58,9 +59,8 @@ impl Pieces {
             Some(status) => return Err(format!("status {status}")),
             None => {}
         }
-        let sequence = found.headers.as_ref().and_then(|it| it.get("Nats-Sequence"));
-        let sequence =
-            sequence.and_then(|it| it.as_str().parse().ok()).ok_or("an answer without a number")?;
+        let sequence = said_of(&found, "Nats-Sequence").and_then(|it| it.parse().ok());
+        let sequence = sequence.ok_or("an answer without a number")?;
         Ok(Some(Piece { sequence, bytes: found.payload }))
     }
 

@@ -1,6 +1,6 @@
 //! The hub as its people set it up: the configuration of nats-server, who may use it, and its streams.
 //!
-//! nats-server reads `nats-server.conf`, which includes `users.conf`. That is written anew with each vehicle that is
+//! nats-server reads `nats-server.conf`, which includes `accounts.conf`. That is written anew with each vehicle that is
 //! enrolled or revoked, from `users.json`; nats-server takes it with a SIGHUP and closes the lines of the revoked.
 
 use std::collections::BTreeMap;
@@ -8,6 +8,7 @@ use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use async_nats::Client;
 use serde::{Deserialize, Serialize};
@@ -22,14 +23,17 @@ use crate::reading::HEAD_STREAM;
 
 /// The configuration of nats-server.
 pub const CONFIG_FILE: &str = "nats-server.conf";
-/// The users in it.
-pub const USERS_FILE: &str = "users.conf";
+/// The accounts in it.
+const ACCOUNTS_FILE: &str = "accounts.conf";
 /// The private key of consoles.
 pub const CONSOLE_KEY_FILE: &str = "console.nk";
 /// The number of the process of nats-server, while it runs.
 const PID_FILE: &str = "nats-server.pid";
 /// Who is enrolled.
 const LIST_FILE: &str = "users.json";
+
+/// nats-server takes a signal off its queue within this time, and then works on it.
+const SIGNALS_APART: Duration = Duration::from_millis(200);
 
 /// Vehicles of one hub.
 pub const VEHICLES_MAX: usize = 10_000;
@@ -159,6 +163,9 @@ impl HubFolder {
         let Some(pid) = pid.filter(|pid| name(pid).is_ok_and(|it| it.trim() == "nats-server")) else {
             return Ok(false);
         };
+        // nats-server 2.15 gives a new account its imports with the second reload. Signals that wait are one.
+        rustix::process::kill_process(pid, rustix::process::Signal::HUP)?;
+        std::thread::sleep(SIGNALS_APART);
         rustix::process::kill_process(pid, rustix::process::Signal::HUP)?;
         Ok(true)
     }
@@ -171,7 +178,7 @@ impl HubFolder {
     fn write_users(&self) -> Result<(), HubError> {
         let list = serde_json::to_string_pretty(&self.users).expect("texts are JSON");
         self.write(LIST_FILE, &list)?;
-        self.write(USERS_FILE, &users(&self.users))
+        self.write(ACCOUNTS_FILE, &accounts(&self.users))
     }
 
     /// Writes a file whole or not at all.
@@ -293,10 +300,9 @@ jetstream {{
   # acknowledgement durable, and the hub several times slower.
   # sync_interval: always
 }}
-accounts {{ FLEET {{
-  jetstream: enabled
-  include \"{USERS_FILE}\"
-}} }}
+accounts {{
+  include \"{ACCOUNTS_FILE}\"
+}}
 ",
         VEHICLES_MAX + 100,
         disk_bytes + disk_bytes / 16,
@@ -307,27 +313,41 @@ fn quoted(path: &Path) -> String {
     format!("\"{}\"", path.display().to_string().replace('\\', "\\\\").replace('"', "\\\""))
 }
 
-/// The permissions of all users. A vehicle tells of itself and hears the wishes to itself, and nothing else.
-fn users(users: &Users) -> String {
-    let mut text =
-        String::from("# Written by `telltale fleet enrol` and `telltale fleet revoke`.\nusers: [\n");
-    let console = inbox("console");
+/// The accounts: that of the fleet, with the streams and the consoles, and one of each vehicle. A vehicle tells of itself and
+/// hears the wishes to itself, and nothing else. Its account matters: within one account, JetStream sends its answers to any
+/// subject that a request names, so a vehicle could have what it stored sent on as another vehicle's, or as an order to
+/// remove a stream. Between accounts an answer goes back to the account that asked.
+fn accounts(users: &Users) -> String {
+    let mut text = String::from("# Written by `telltale fleet enrol` and `telltale fleet revoke`.\n");
+    let (last, console) = (Subjects::with("*").own_last(), inbox("console"));
+    let Subjects { head, log, live, want, inc } = Subjects::with("*");
     let _ = writeln!(
         text,
-        "  {{ nkey: {}, permissions: {{ publish: [\"$JS.API.>\", \"$JS.ACK.>\", \"tt.1.*.want\"], \
-         subscribe: [\"{console}.>\", \"tt.1.>\"] }} }}",
+        "FLEET {{
+  jetstream: enabled
+  users: [{{ nkey: {}, permissions: {{ publish: [\"$JS.API.>\", \"$JS.ACK.>\", \"{want}\"], \
+         subscribe: [\"{console}.>\", \"tt.1.>\"] }} }}]
+  exports: [{{ service: \"{head}\" }}, {{ service: \"{log}\" }}, {{ service: \"{inc}.>\" }}, \
+         {{ service: \"{live}\" }}, {{ service: \"{last}\" }}, {{ stream: \"{want}\" }}]
+}}",
         users.console
     );
     for (id, key) in &users.vehicles {
         let Some(id) = VehicleId::new(id) else { continue };
-        let Subjects { head, log, live, want, inc } = Subjects::of(&id);
-        let (own_last, inbox) = (Subjects::of(&id).own_last(), inbox(id.as_str()));
+        let own = Subjects::of(&id);
+        let tells =
+            [own.head.clone(), own.log.clone(), format!("{}.>", own.inc), own.live.clone(), own.own_last()];
+        let (want, inbox) = (own.want, inbox(id.as_str()));
+        let publish = tells.each_ref().map(|it| format!("\"{it}\"")).join(", ");
+        let imports =
+            tells.map(|it| format!("{{ service: {{ account: FLEET, subject: \"{it}\" }} }}")).join(", ");
         let _ = writeln!(
             text,
-            "  {{ nkey: {key}, permissions: {{ publish: [\"{head}\", \"{log}\", \"{inc}.>\", \"{live}\", \
-             \"{own_last}\"], subscribe: [\"{want}\", \"{inbox}.>\"] }} }}"
+            "\"vehicle-{id}\" {{
+  users: [{{ nkey: {key}, permissions: {{ publish: [{publish}], subscribe: [\"{want}\", \"{inbox}.>\"] }} }}]
+  imports: [{imports}, {{ stream: {{ account: FLEET, subject: \"{want}\" }} }}]
+}}"
         );
     }
-    text.push_str("]\n");
     text
 }

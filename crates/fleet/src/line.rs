@@ -11,7 +11,7 @@ use futures_util::StreamExt as _;
 use serde::Deserialize;
 use telltale_engine::time::Span;
 
-use crate::connection;
+use crate::connection::{self, said_of};
 use crate::delivery::Answer;
 use crate::gate::{Gate, Pace};
 use crate::identity::Identity;
@@ -51,6 +51,11 @@ pub struct Subjects {
 
 impl Subjects {
     pub fn of(id: &VehicleId) -> Subjects {
+        Subjects::with(id.as_str())
+    }
+
+    /// Those of a vehicle, or with `*` of all.
+    pub(crate) fn with(id: &str) -> Subjects {
         let subject = |end: &str| format!("tt.1.{id}.{end}");
         Subjects {
             head: subject("head"),
@@ -241,8 +246,7 @@ impl Requests {
         if answer.status.is_some_and(|status| status.as_u16() == 404) {
             return OwnLast::Nothing;
         }
-        let number = answer.headers.as_ref().and_then(|it| it.get("Nats-Sequence"));
-        match number.and_then(|it| it.as_str().parse().ok()) {
+        match said_of(&answer, "Nats-Sequence").and_then(|it| it.parse().ok()) {
             Some(sequence) if answer.payload.len() <= BATCH_BYTES_MAX => {
                 OwnLast::Stored(Stored { sequence, packed: answer.payload })
             }

@@ -13,7 +13,7 @@ use telltale_engine::time::Span;
 use tokio::sync::watch;
 use tokio::time::timeout;
 
-use crate::connection;
+use crate::connection::{self, said_of};
 use crate::fetching::Pieces;
 use crate::gate::{Gate, Pace};
 use crate::hub::{has, make_heads};
@@ -301,7 +301,9 @@ impl Logs {
                 let at = humantime::format_rfc3339_millis(of_unix_ms(ms)).to_string();
                 serde_json::json!({ "start_time": at, "next_by_subj": subject })
             }
-            From::After(number) => serde_json::json!({ "seq": number + 1, "next_by_subj": subject }),
+            From::After(number) => {
+                serde_json::json!({ "seq": number.saturating_add(1), "next_by_subj": subject })
+            }
         };
         self.get(&wanted).await
     }
@@ -338,10 +340,9 @@ impl Logs {
             Some(status) => return Err(format!("status {status}")),
             None => {}
         }
-        let header = |name: &str| Some(found.headers.as_ref()?.get(name)?.as_str());
-        let number =
-            header("Nats-Sequence").and_then(|it| it.parse().ok()).ok_or("an answer without a number")?;
-        let stored = header("Nats-Time-Stamp").and_then(|it| humantime::parse_rfc3339(it).ok());
+        let number = said_of(&found, "Nats-Sequence").and_then(|it| it.parse().ok());
+        let number = number.ok_or("an answer without a number")?;
+        let stored = said_of(&found, "Nats-Time-Stamp").and_then(|it| humantime::parse_rfc3339(it).ok());
         Ok(Some(Found { number, stored_ms: stored.map(unix_ms), packed: found.payload }))
     }
 }

@@ -12,7 +12,7 @@ mod vehicle;
 
 use std::os::unix::fs::PermissionsExt as _;
 
-use async_nats::{ConnectOptions, Event, ServerError};
+use async_nats::{ConnectOptions, Event, HeaderMap, ServerError};
 use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
 use telltale_fleet::delivery::{Answer, Delivery, Last, Learned, Order, Said};
@@ -299,4 +299,39 @@ async fn a_vehicle_hears_wishes_and_nothing_of_others() {
         let error = until(subject, refusals.recv()).await.unwrap().to_lowercase();
         assert!(error.contains("permissions violation for publish"), "{subject}: {error}");
     }
+
+    // JetStream sends an answer to any subject that a request names, but not into another account.
+    let (other, key) = (VehicleId::new("b").unwrap(), Identity::read(&hub.key_file("b")).unwrap());
+    let mut others = Line::open(&hub.address(), &other, &key).await.unwrap();
+    let own_last = "$JS.API.DIRECT.GET.LOG.tt.1.a.log";
+    let mut stored = 0;
+    for (reply, body) in [
+        ("tt.1.b.head", "forged"),
+        ("tt.1.b.log", "forged"),
+        ("tt.1.b.want", r#"{"live_s":6}"#),
+        ("$JS.API.STREAM.PURGE.LOG", "{}"),
+        ("$JS.API.STREAM.DELETE.LOG", ""),
+        ("$JS.API.CONSUMER.CREATE.LOG", r#"{"stream_name":"LOG","config":{"deliver_subject":"_INBOX.a.x"}}"#),
+    ] {
+        for subject in [own_last, "tt.1.a.log"] {
+            let _ = hostile.request("tt.1.a.log", body.into()).await.unwrap();
+            hostile.publish_with_reply(subject, reply, body.into()).await.unwrap();
+            stored += 1 + u64::from(subject != own_last);
+        }
+    }
+    // A header of the message itself is not what the hub says of it.
+    let mut headers = HeaderMap::new();
+    headers.insert("Nats-Sequence", "18446744073709551615");
+    hostile.request_with_headers("tt.1.a.log", headers, "last".into()).await.unwrap();
+    stored += 1;
+    match until("the last of a", line.requests().own_last()).await {
+        OwnLast::Stored(last) => assert_eq!((last.sequence, &*last.packed), (stored, &b"last"[..])),
+        other => panic!("{other:?}"),
+    }
+    let nothing = until("the last of b", others.requests().own_last()).await;
+    assert!(matches!(nothing, OwnLast::Nothing), "{nothing:?}");
+    assert!(!console.has_head("b").await);
+    console.want("b", r#"{"live_s":7}"#).await;
+    let live = Some(telltale_engine::time::Span::from_secs(7));
+    assert_eq!(until("the wish", others.next()).await, Ok(Some(Want { live, incidents: vec![] })));
 }

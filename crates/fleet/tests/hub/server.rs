@@ -171,7 +171,7 @@ impl Hub {
         assert!(self.configured.reload().unwrap(), "it runs");
         let looks = PATIENCE.as_millis() / LOOK_EVERY.as_millis();
         for _ in 0..looks {
-            if taken(&log()) > before {
+            if taken(&log()) > before + 1 {
                 return;
             }
             std::thread::sleep(LOOK_EVERY);
@@ -325,6 +325,11 @@ impl Console {
             }
         })
         .await
+    }
+
+    pub async fn has_head(&self, id: &str) -> bool {
+        let subject = format!("$JS.API.DIRECT.GET.HEAD.tt.1.{id}.head");
+        self.client.request(subject, "".into()).await.unwrap().status.is_none()
     }
 
     /// With when it was told; `None` if the hub has none.
