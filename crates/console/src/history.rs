@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 use telltale_fleet::history::{History, Unknown};
-use telltale_fleet::message::{Batch, Message, VehicleId};
+use telltale_fleet::message::{Batch, Mark, Message, VehicleId};
 use telltale_fleet::reading::{From, Logs};
 
 use crate::state::time;
@@ -29,6 +29,10 @@ pub struct Known {
     pub refused: usize,
     /// The end was reached.
     pub is_whole: bool,
+    /// The hub has nothing later of this vehicle.
+    is_to_newest: bool,
+    /// What was told at the end, and the hub does not have any more.
+    lost: Option<Unknown>,
 }
 
 /// A message, or a gap.
@@ -71,6 +75,16 @@ impl Known {
     /// The number of the oldest message of this log that the hub has.
     pub fn oldest_is(&mut self, number: u64) {
         self.is_from_oldest = self.first == Some(number);
+    }
+
+    /// The vehicle is known to have told this message, whatever the hub has now: the log of another vehicle may have pushed
+    /// its own out.
+    pub fn was_told(&mut self, end: Mark) {
+        let last = self.history.messages().last().map(Message::end);
+        if self.is_to_newest && last < Some(end) {
+            let after = last.filter(|last| last.epoch == end.epoch).map_or(0, |last| last.n);
+            self.lost = Some(Unknown { from: Mark { n: after + 1, ..end }, to: end.n, why: None });
+        }
     }
 
     /// The messages of a time, by the vehicle's clock, and their gaps, in order.
@@ -118,6 +132,7 @@ impl Known {
         unknown.retain(|it| {
             self.is_from_oldest || it.why.is_some() || first.is_some_and(|first| it.from > first)
         });
+        unknown.extend(self.lost);
         unknown
     }
 }
@@ -139,7 +154,7 @@ pub async fn read(
     let mut read_bytes = 0;
     for _ in 0..BATCHES_MAX {
         let Some(found) = logs.next(id, from).await? else {
-            known.is_whole = true;
+            (known.is_whole, known.is_to_newest) = (true, true);
             break;
         };
         from = From::After(found.number);
@@ -239,6 +254,20 @@ mod tests {
         assert_eq!(told(&known, 0, 9), [(1, Some(4)), (5, None), (6, None)]);
         assert_eq!(told(&known, 5, 5), [(1, Some(4)), (5, None)]);
         assert_eq!(told(&known, 6, 9), [(6, None)]);
+    }
+
+    #[test]
+    fn what_was_told_and_is_gone_from_the_hub_is_missing_at_the_end() {
+        let mut some = known(&[(5, None), (6, None)]);
+        let end = Mark { n: 9, ..some.messages().last().unwrap().mark() };
+        some.was_told(end);
+        assert_eq!(told(&some, 0, 9), [(5, None), (6, None)], "the rest was not asked for");
+        some.is_to_newest = true;
+        some.was_told(end);
+        assert_eq!(told(&some, 0, 9), [(5, None), (6, None), (7, Some(9))]);
+        let mut nothing = Known { is_to_newest: true, ..known(&[]) };
+        nothing.was_told(end);
+        assert_eq!(told(&nothing, 0, 9), [(1, Some(9))]);
     }
 
     #[test]

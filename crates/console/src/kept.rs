@@ -218,7 +218,9 @@ impl Store {
             transaction.prepare_cached(sql)?.execute(params![id, number, incident])?;
             // Those that memory forgot.
             let sql = "DELETE FROM incidents WHERE vehicle = ?1 AND number NOT IN (
-                           SELECT number FROM incidents WHERE vehicle = ?1 ORDER BY number DESC LIMIT ?2)";
+                           SELECT number FROM incidents WHERE vehicle = ?1 ORDER BY number DESC LIMIT ?2)
+                       AND number NOT IN (SELECT number FROM recordings
+                           WHERE vehicle = ?1 AND json_extract(transfer, '$.step.here') IS NOT NULL)";
             transaction.prepare_cached(sql)?.execute(params![id, INCIDENTS_MAX as i64])?;
         }
         for (id, number, transfer) in &changes.recordings {

@@ -42,7 +42,7 @@ pub fn incidents(vehicle: &Vehicle, view: &View, lang: Lang) -> (Vec<IncidentHtm
     let may_download = may_download(view, &vehicle.id);
     let incident = |(number, it): (&u64, &telltale_fleet::message::Incident)| {
         let step = vehicle.recordings.get(number).map(|it| &it.step);
-        let is_here = matches!(step, Some(Step::Here(_)));
+        let is_here = vehicle.has_recording(*number);
         let may_fetch = may_fetch && it.sha256.is_some();
         let (name, words) = told(step, lang);
         IncidentHtml {
@@ -58,8 +58,12 @@ pub fn incidents(vehicle: &Vehicle, view: &View, lang: Lang) -> (Vec<IncidentHtm
             is_here,
         }
     };
-    let shown = vehicle.incidents.iter().rev().take(INCIDENTS_MAX).map(incident);
-    (shown.collect(), vehicle.incidents.len().saturating_sub(INCIDENTS_MAX))
+    let newest = vehicle.incidents.iter().rev().enumerate();
+    let shown =
+        newest.filter(|(place, (number, _))| *place < INCIDENTS_MAX || vehicle.has_recording(**number));
+    let shown: Vec<IncidentHtml> = shown.map(|(_, it)| incident(it)).collect();
+    let more = vehicle.incidents.len() - shown.len();
+    (shown, more)
 }
 
 /// The step in a word for programs, and in words for people.

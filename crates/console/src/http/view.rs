@@ -108,17 +108,30 @@ impl View {
     /// # Errors
     /// There is no such vehicle, or the hub does not answer.
     pub async fn history(&self, id: &VehicleId, from: i64, to: i64) -> Result<Known, HttpError> {
-        let skew_ms = self.fleet().vehicle(id)?.skew_ms().unwrap_or(0);
+        let (skew_ms, told) = {
+            let fleet = self.fleet();
+            let vehicle = fleet.vehicle(id)?;
+            let told = vehicle
+                .picture
+                .end
+                .filter(|_| vehicle.picture.at_ms.is_some_and(|ms| (from..=to).contains(&ms)));
+            (vehicle.skew_ms().unwrap_or(0), told)
+        };
         let logs = self.all().shared.logs().ok_or(HttpError::Unavailable)?;
         let until = self.console.clock.now() + READ_WITHIN;
         let read = self.console.clock.by(until, async {
             let _turn = self.all().histories.acquire().await.map_err(|error| error.to_string())?;
             history::read(&logs, id, from, to, skew_ms).await
         });
-        read.await.ok_or(HttpError::TooSlow)?.map_err(|why| {
+        let read = read.await.ok_or(HttpError::TooSlow)?;
+        let mut known = read.map_err(|why| {
             tracing::warn!("a history cannot be read: {why}");
             HttpError::Unavailable
-        })
+        })?;
+        if let Some(end) = told {
+            known.was_told(end);
+        }
+        Ok(known)
     }
 
     /// The file of a recording, if it is here.

@@ -63,6 +63,11 @@ impl Vehicle {
         self.recordings.iter().filter(|(_, it)| it.step.is_open()).map(|(number, it)| (*number, it))
     }
 
+    /// Whether the recording of an incident is here.
+    pub fn has_recording(&self, number: u64) -> bool {
+        matches!(self.recordings.get(&number).map(|it| &it.step), Some(Step::Here(_)))
+    }
+
     pub fn is_open(&self, number: u64) -> bool {
         self.recordings.get(&number).is_some_and(|it| it.step.is_open())
     }
@@ -163,6 +168,7 @@ impl Vehicle {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::state::incidents::INCIDENTS_MAX;
     use telltale_fleet::message::{Incident, RECORDING_BYTES_MAX, VehicleId};
 
     const NOW: i64 = 1_780_000_000_000;
@@ -229,6 +235,21 @@ mod tests {
             assert!(matches!(taken, Err(Malformed::Recording(..))), "{bad:?}: {taken:?}");
         }
         assert!(!vehicle.recordings.contains_key(&4));
+    }
+
+    #[test]
+    fn an_incident_with_its_recording_here_outlasts_newer_ones() {
+        let mut vehicle = vehicle();
+        let pieces = comes(3).pieces.unwrap();
+        vehicle.take_recording(mark(1), &comes(3), 0, NOW).unwrap();
+        vehicle.recording_is(3, &pieces, Step::Here(pieces.clone()));
+        let newest = vehicle.incidents[&1].clone();
+        for number in 21..=300 {
+            vehicle.take_incident(&Incident { number, ..newest.clone() });
+        }
+        let numbers: Vec<u64> = vehicle.incidents.keys().copied().collect();
+        assert_eq!((numbers.len(), &numbers[..2]), (INCIDENTS_MAX + 1, &[3, 201][..]));
+        assert!(vehicle.has_recording(3));
     }
 
     #[test]

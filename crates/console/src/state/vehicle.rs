@@ -188,10 +188,20 @@ impl Vehicle {
 
     pub fn take_incident(&mut self, incident: &Incident) {
         self.incidents.insert(incident.number, cleaned(incident));
-        while self.incidents.len() > INCIDENTS_MAX {
-            if let Some((number, _)) = self.incidents.pop_first() {
-                self.recordings.remove(&number);
-            }
+        while let Some(number) = self.surplus() {
+            self.incidents.remove(&number);
+            self.recordings.remove(&number);
+        }
+    }
+
+    /// The oldest incident beyond those that are kept. Those whose recordings are here stay, as many again.
+    fn surplus(&self) -> Option<u64> {
+        let surplus = self.incidents.len().saturating_sub(INCIDENTS_MAX);
+        let mut oldest = self.incidents.keys().take(surplus).copied();
+        if surplus > INCIDENTS_MAX {
+            oldest.next()
+        } else {
+            oldest.find(|number| !self.has_recording(*number))
         }
     }
 
