@@ -171,8 +171,15 @@ impl Incidents {
             news.push(Content::Incident(incident.clone()));
             self.told.insert(alarm.id, incident);
         }
-        // Of an alarm that is over and acknowledged nothing more comes.
-        self.told.retain(|number, _| snapshot.alarms.iter().any(|alarm| alarm.id == *number));
+        // One that was acknowledged before is gone at its end.
+        self.told.retain(|number, incident| {
+            let is_there = snapshot.alarms.iter().any(|alarm| alarm.id == *number);
+            if !is_there && incident.until.is_none() {
+                let until = Some(unix_ms(snapshot.now));
+                news.push(Content::Incident(Incident { until, ..incident.clone() }));
+            }
+            is_there
+        });
         news
     }
 }
