@@ -5,7 +5,7 @@ use std::fmt;
 use rusqlite::{Connection, OptionalExtension, Row};
 use sha2::{Digest, Sha256};
 
-use super::{Action, Entry, Key, PRUNED_UP_TO};
+use super::{Action, Entry, Key, PRUNED_UP_TO, Record, TELLTALE, is_sealed};
 use crate::{Role, StoreError};
 use telltale_engine::text::hex;
 
@@ -317,6 +317,31 @@ impl Verifier {
         let Verifier { records, acknowledged, .. } = Verifier { open: Vec::new(), ..self };
         Verdict { records, head, breach, breaches, acknowledged, proven, foreign: Vec::new(), evidence }
     }
+}
+
+/// The record that says again what is wrong with the records up to this number, which are pruned, unless an authority has
+/// acknowledged it.
+pub(super) fn breach_said_again(
+    connection: &Connection,
+    key: &Key,
+    number: u64,
+) -> Result<Option<Record>, StoreError> {
+    let mut verifier = Verifier::new(Vec::new(), Some(key.clone()));
+    let rows = "SELECT count(*) FROM audit WHERE number <= ?1";
+    let rows = connection.query_row(rows, [number as i64], |row| row.get(0))?;
+    verifier.read(connection, rows)?;
+    let Some(breach) = verifier.open.first() else { return Ok(None) };
+    let later = "SELECT number FROM audit WHERE number > ?1 AND action = ?2 AND role = ?3";
+    let mut query = connection.prepare(later)?;
+    let by = (number as i64, Action::BreachAcknowledged.as_str(), Role::Authority.as_str());
+    let later = query.query_map(by, |row| row.get::<_, i64>(0))?.collect::<Result<Vec<_>, _>>()?;
+    for acknowledged in later {
+        if is_sealed(connection, key, acknowledged.unsigned_abs())? {
+            return Ok(None);
+        }
+    }
+    let what = format!("record {} of those that are pruned {}", breach.number, breach.what);
+    Ok(Some(Record::of(Action::ChainBroken, TELLTALE).on(what)))
 }
 
 /// The hash on which the first record stands: none, or that of the last pruned record. A later record in

@@ -24,7 +24,9 @@ pub use super::database::files::HEAD_FILE_NAME;
 use super::database::foreign::damage;
 use super::database::schema;
 use super::database::schema::RECORD_NUMBER_MAX;
-use super::{Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified};
+use super::{
+    Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified, incidents_said_again,
+};
 pub use action::Action;
 use chain::{Hash, Verifier};
 use head::read_head;
@@ -337,8 +339,10 @@ fn prune(
     }
     let number = first + PRUNE_AT_ONCE - 1;
     let Some(hash) = hash_of(connection, number)? else { return Ok(None) };
-    // Their records of users and tokens must still be known.
-    let said_again = Known::read(connection, key)?.said_again(connection, number)?;
+    // What they say of users, tokens and incidents must still be known, and what is wrong with them.
+    let mut said_again = Known::read(connection, key)?.said_again(connection, number)?;
+    said_again.extend(incidents_said_again(connection, number)?);
+    said_again.extend(chain::breach_said_again(connection, key, number)?);
     connection.execute("DELETE FROM audit WHERE number <= ?1", [number as i64])?;
     let target = format!("{PRUNED_UP_TO}{}", Head { number, hash });
     let mut last = append(connection, key, &Record::of(Action::Pruned, TELLTALE).on(target), wall)?;

@@ -1,9 +1,10 @@
 //! Tests of the audit log: a change in it is found.
 
 use super::*;
-use crate::{Breach, DemoSecrets, FILE_NAME, Head};
+use crate::{Breach, DemoSecrets, FILE_NAME, Head, Incidents};
 use telltale_clock::Clock;
 use telltale_engine::time::Span;
+use telltale_record::summary::{Recording, Summary};
 
 /// A data folder with some records; the store that wrote them is closed.
 struct Folder(tempfile::TempDir);
@@ -192,6 +193,50 @@ async fn the_oldest_records_are_taken_away_and_the_chain_still_holds() {
     ));
     folder.note();
     assert_eq!(folder.breach().map(|breach| breach.number), Some(last.number + 1));
+}
+
+#[tokio::test]
+async fn what_pruned_records_said_of_incidents_and_of_a_breach_is_still_known() {
+    let folder = Folder::with_records(3).await;
+    let store = folder.store();
+    let summary = |id| Summary {
+        id,
+        recording: Recording { finished: true, sha256: Some("ab".repeat(32)), ..Recording::default() },
+        ..Summary::default()
+    };
+    let by_anna = || Record::of(Action::Mark, "127.0.0.1").by("anna", Role::Operator);
+    for id in 1..=3 {
+        store.incident_finished(&summary(id)).await.unwrap();
+    }
+    store.record_in_time(by_anna().on("2: here")).await;
+    store.set_incident_note(2, "it squeals", by_anna()).await.unwrap();
+    store.keep_incident(2, true, by_anna()).await.unwrap();
+    store.forget_incidents(vec![3], by_anna()).await.unwrap();
+    store.close().await;
+    // Somebody changes a record, and removes an incident.
+    folder.run("UPDATE audit SET target = 'x' WHERE number = 2; DELETE FROM incidents WHERE id = 1");
+    let incidents = || Incidents::open(folder.0.path()).unwrap();
+    let (known, evidence) = (incidents().records().unwrap(), folder.breach().unwrap());
+    assert!(evidence.number == 2 && known.held().any(|id| id == 1));
+    let (key, wall) = (folder.key(), SystemTime::UNIX_EPOCH);
+    let mut connection = Connection::open(folder.0.path().join(FILE_NAME)).unwrap();
+    let transaction = connection.transaction().unwrap();
+    for _ in 0..3 * PRUNE_AT_ONCE {
+        let last = append(&transaction, &key, &Record::of(Action::Stop, TELLTALE), wall).unwrap();
+        prune(&transaction, &key, last, 500, wall).unwrap();
+    }
+    transaction.commit().unwrap();
+    let (incidents, breach) = (incidents(), folder.breach().unwrap());
+    let again = incidents.records().unwrap();
+    assert_eq!(
+        (&again.hashes, again.removed.len()),
+        (&known.hashes.into_iter().filter(|it| it.0 < 3).collect(), 0)
+    );
+    assert!(again.held().any(|id| id == 1), "it is missed");
+    let stored = incidents.stored(2).unwrap().unwrap();
+    assert_eq!((again.contradiction(&stored), again.kept(2, None)), (None, Some(true)));
+    assert!(again.may_be_note(2, &stored.incident.note.unwrap()));
+    assert!(breach.what.contains("record 2 of those that are pruned"), "{breach:?}");
 }
 
 #[tokio::test]

@@ -227,6 +227,42 @@ pub(crate) fn damage_of(connection: &Connection) -> Option<String> {
         .or_else(|| found_by(connection, "PRAGMA integrity_check(10)"))
         .or_else(|| foreign::strange_in(connection))
         .or_else(|| odd_numbers(connection))
+        .or_else(|| refused(connection))
+}
+
+/// A row that a table of today's schema refuses. A connection for reading only does not check that by itself.
+fn refused(connection: &Connection) -> Option<String> {
+    if !connection.is_readonly("main").is_ok_and(|it| it) {
+        return None;
+    }
+    let today = open_in_memory().ok()?;
+    let mut query = today
+        .prepare("SELECT name, sql FROM sqlite_schema WHERE type = 'table' AND sql LIKE '%CHECK%'")
+        .ok()?;
+    let tables = query.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).ok()?;
+    for (table, sql) in tables.filter_map(Result::<(String, String), _>::ok) {
+        for check in checks(&sql) {
+            let sql = format!("SELECT count(*) FROM {table} WHERE NOT ({check})");
+            // A backup of an older schema may lack the table.
+            let Ok(count) = connection.query_row(&sql, [], |row| row.get::<_, i64>(0)) else { continue };
+            if count > 0 {
+                return Some(format!("CHECK constraint failed in {table}"));
+            }
+        }
+    }
+    None
+}
+
+/// The conditions behind each CHECK of a table.
+fn checks(sql: &str) -> impl Iterator<Item = &str> {
+    sql.split("CHECK (").skip(1).filter_map(|rest| {
+        let mut open = 1;
+        let end = rest.find(|letter| {
+            open += i32::from(letter == '(') - i32::from(letter == ')');
+            open == 0
+        });
+        rest.get(..end?)
+    })
 }
 
 /// A number in the audit log after which no record can be written.

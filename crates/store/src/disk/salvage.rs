@@ -16,6 +16,7 @@ use tempfile::TempDir;
 use crate::audit::known::Known;
 use crate::audit::{KEY_FILE_NAME, Key, Log};
 use crate::database::{backup, schema};
+use crate::incidents::{all_records, note_number};
 use crate::users::secret::NOBODY;
 use crate::{Database, FILE_NAME, SessionKind, StoreError};
 use telltale_clock::unix_ms;
@@ -170,6 +171,15 @@ fn salvage(
             None => losses.push(format!("there is no backup from which {table} could be completed")),
         }
     }
+    if unread.iter().any(|table| table == "countermeasures") {
+        losses.push(
+            "what the vehicle was asked for may be missing: if it was held, nothing holds it after the start"
+                .to_owned(),
+        );
+    }
+    if let Some(largest) = all_records(&transaction, None)?.largest() {
+        note_number(&transaction, largest)?;
+    }
     if let Some(from) = &broken {
         let foreign = leave_out_foreign(folder, from, &transaction)?;
         if !foreign.is_empty() {
@@ -265,6 +275,7 @@ fn copy(
     let marks = vec!["?"; names.len()].join(", ");
     let or = if keep == Keep::Copied { "REPLACE" } else { "IGNORE" };
     let names = names.join(", ");
+    let mut is_whole = true;
     let mut insert = to.prepare(&format!("INSERT OR {or} INTO {table} ({names}) VALUES ({marks})"))?;
     for order in ["ASC", "DESC"] {
         let keys: Vec<String> = keys.iter().map(|(name, _)| format!("{name} {order}")).collect();
@@ -272,16 +283,18 @@ fn copy(
         let mut put = |row: &Row<'_>| -> Result<(), StoreError> {
             let values: Result<Vec<Value>, _> = (0..columns.len()).map(|column| row.get(column)).collect();
             // A row that today's schema refuses was damaged, too.
-            let Ok(values) = values else { return Ok(()) };
-            match insert.execute(params_from_iter(values)) {
-                Err(error) if error.sqlite_error_code() != Some(rusqlite::ErrorCode::ConstraintViolation) => {
-                    Err(error.into())
-                }
-                _ => Ok(()),
+            let is_refused = |error: &rusqlite::Error| {
+                error.sqlite_error_code() == Some(rusqlite::ErrorCode::ConstraintViolation)
+            };
+            match values.map(|values| insert.execute(params_from_iter(values))) {
+                Ok(Err(error)) if !is_refused(&error) => return Err(error.into()),
+                Ok(Ok(_)) => {}
+                Ok(Err(_)) | Err(_) => is_whole = false,
             }
+            Ok(())
         };
         if read_all(from, &sql, rows_max, &mut put)? {
-            return Ok(true);
+            return Ok(is_whole);
         }
     }
     Ok(false)

@@ -7,7 +7,8 @@ use sha2::{Digest as _, Sha256};
 
 use super::read::{COLUMNS, Incidents, incident, surely};
 use super::{Incident, Note};
-use crate::audit::{Action, DONE, fits};
+use crate::audit::{Action, DONE, Record, fits};
+use crate::database::schema;
 use crate::{Store, StoreError};
 use telltale_engine::text::hex;
 use telltale_record::proof::{Expected, NO_HASH};
@@ -118,6 +119,12 @@ impl IncidentRecords {
         self.hashes.get(&id).filter(|hash| *hash != NO_HASH)
     }
 
+    /// The largest number of an incident.
+    pub(crate) fn largest(&self) -> Option<u64> {
+        let ids = self.hashes.keys().chain(self.notes.keys()).chain(self.kept.keys()).chain(&self.marked);
+        ids.chain(&self.removed).copied().max()
+    }
+
     /// Takes the next record.
     fn take(&mut self, action: &str, target: String, who: String) {
         if action == Action::IncidentNote.as_str() {
@@ -168,7 +175,7 @@ impl Store {
 
     /// The records of the audit log on incidents.
     pub async fn incident_records(&self) -> Result<IncidentRecords, StoreError> {
-        self.call(|database| records(&database.connection, None)).await
+        self.call(|database| all_records(&database.connection, None)).await
     }
 
     /// An incident as it lies in the database; `None` if there is none.
@@ -197,7 +204,7 @@ impl Incidents {
     /// As [`Store::incident_records`]. Whether the log is as it was written tells
     /// [`verify_audit_in`](crate::audit::verify_audit_in).
     pub fn records(&self) -> Result<IncidentRecords, StoreError> {
-        records(&self.0, None)
+        all_records(&self.0, None)
     }
 
     /// As [`Store::incident_logged`].
@@ -205,6 +212,37 @@ impl Incidents {
         logged(&self.0, id)
     }
 }
+
+/// The records that say again what is known of incidents by records up to this number, which are pruned. Incidents that
+/// were removed are not said again.
+pub(crate) fn said_again(connection: &Connection, number: u64) -> Result<Vec<Record>, StoreError> {
+    let (before, all) =
+        (records(connection, None, number)?, records(connection, None, schema::RECORD_NUMBER_MAX)?);
+    let source = format!("{AGAIN} {number}");
+    let mut again = Vec::new();
+    for id in all.held().collect::<BTreeSet<u64>>() {
+        if let (Some(_), Some(hash)) = (before.hashes.get(&id), all.hashes.get(&id)) {
+            let found = all.found.contains(&id);
+            let action = if found { Action::IncidentFound } else { Action::IncidentRecorded };
+            let summary = all.summaries.get(&id).map(|it| format!(" summary:{it}")).unwrap_or_default();
+            again.push(Record::of(action, &*source).on(format!("{id} sha256:{hash}{summary}")));
+        }
+        if let (Some(_), Some((note, who))) = (before.notes.get(&id), all.notes.get(&id)) {
+            let record = Record::of(Action::IncidentNote, &*source).on(note);
+            again.push(Record { who: who.clone(), ..record });
+        }
+        if let (Some(_), Some(kept)) = (before.kept.get(&id), all.kept.get(&id)) {
+            again.push(Record::of(Action::IncidentKept, &*source).on(kept_target(id, *kept)));
+        }
+        if before.marked.contains(&id) {
+            again.push(Record::of(Action::Mark, &*source).on(format!("{id}: ")));
+        }
+    }
+    Ok(again)
+}
+
+/// The source of a record that says again what a record up to this number said, which was pruned.
+const AGAIN: &str = "records up to";
 
 /// The target of the record on a recording, and on its row if that is known.
 pub(super) fn recorded_target(id: u64, sha256: Option<&str>, summary: Option<&str>) -> String {
@@ -277,15 +315,19 @@ fn stored(connection: &Connection, id: u64) -> Result<Option<StoredIncident>, St
 }
 
 fn logged(connection: &Connection, id: u64) -> Result<Option<Logged>, StoreError> {
-    let records = records(connection, Some(id))?;
+    let records = all_records(connection, Some(id))?;
     let row = stored(connection, id)?;
     let contradiction = row.and_then(|row| records.contradiction(&row));
     let is_known = records.hashes.contains_key(&id) || contradiction.is_some();
     Ok(is_known.then(|| Logged { hash: records.hash(id).cloned(), contradiction }))
 }
 
-/// The records of all incidents, or of this one.
-fn records(connection: &Connection, id: Option<u64>) -> Result<IncidentRecords, StoreError> {
+pub(crate) fn all_records(connection: &Connection, id: Option<u64>) -> Result<IncidentRecords, StoreError> {
+    records(connection, id, schema::RECORD_NUMBER_MAX)
+}
+
+/// The records of all incidents, or of this one, up to a number.
+fn records(connection: &Connection, id: Option<u64>, up_to: u64) -> Result<IncidentRecords, StoreError> {
     let actions = [
         Action::IncidentRecorded,
         Action::IncidentFound,
@@ -297,11 +339,13 @@ fn records(connection: &Connection, id: Option<u64>) -> Result<IncidentRecords, 
     let [recorded, found, removed, note, kept, mark] = actions.map(Action::as_str);
     let sql = "SELECT action, target, who FROM audit
                WHERE action IN (?1, ?2, ?3, ?4, ?5, ?6) AND outcome = ?7
+                   AND number <= ?9
                    AND (?8 IS NULL OR target = ?8 OR target LIKE ?8 || ' %' OR target LIKE ?8 || ': %')
                ORDER BY number";
     let mut query = connection.prepare_cached(sql)?;
     let id = id.map(|id| id.to_string());
-    let mut rows = query.query(params![recorded, found, removed, note, kept, mark, DONE, id])?;
+    let mut rows =
+        query.query(params![recorded, found, removed, note, kept, mark, DONE, id, surely(up_to)])?;
     let mut records = IncidentRecords::default();
     while let Some(row) = rows.next()? {
         let action: String = row.get(0)?;

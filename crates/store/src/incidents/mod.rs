@@ -14,8 +14,10 @@ use telltale_record::summary::Summary;
 
 pub use bounds::note as clean_note;
 pub use logged::{IncidentRecords, Logged, StoredIncident};
+pub(crate) use logged::{all_records, said_again};
 pub use read::{INCIDENTS_PAGE_MAX, IncidentFilter, Incidents, OnDisk};
 pub use write::Forgotten;
+pub(crate) use write::note_number;
 
 /// An incident in the store.
 #[derive(Debug, Clone, PartialEq)]

@@ -183,7 +183,7 @@ impl Database {
 }
 
 /// The number is used, also when its incident is forgotten.
-fn note_number(transaction: &Transaction<'_>, number: u64) -> Result<(), StoreError> {
+pub(crate) fn note_number(transaction: &Transaction<'_>, number: u64) -> Result<(), StoreError> {
     let sql = "INSERT INTO incident_number (one, last) VALUES (1, ?1)
                ON CONFLICT (one) DO UPDATE SET last = max(last, ?1)";
     transaction.prepare_cached(sql)?.execute([surely(number)])?;

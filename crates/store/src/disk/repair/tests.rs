@@ -7,6 +7,7 @@ use super::*;
 use crate::{Database, Entering, Role, VehicleMemory};
 use telltale_engine::restart::resume::Restored;
 use telltale_engine::time::Timestamp;
+use telltale_record::summary::{Recording, Summary};
 
 /// No wait is longer, even for a slow disk.
 const WITHIN: std::time::Duration = std::time::Duration::from_secs(60);
@@ -192,6 +193,41 @@ async fn without_a_backup_what_can_be_read_is_used() {
     store.close().await;
     assert!(matches!(repair(folder.0.path(), Clock::start()), Err(StoreError::NothingToSave { .. })));
     assert!(!folder.file(".new").exists() && folder.file("").exists());
+}
+
+#[test]
+fn a_row_that_the_schema_refuses_is_damage_and_its_loss_is_said() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let folder = runtime.block_on(Folder::new());
+    let store = folder.open();
+    let recording = Recording { finished: true, ..Recording::default() };
+    let removed = Record::of(Action::IncidentRemoved, COMMAND_LINE);
+    runtime.block_on(async {
+        store.incident_finished(&Summary { id: 7, recording, ..Summary::default() }).await.unwrap();
+        store.forget_incidents(vec![7], removed).await.unwrap();
+        store.close().await;
+    });
+    let backup = folder.back_up();
+    let spoil = |file: &Path, sql: &str| {
+        let connection = Connection::open(file).unwrap();
+        connection.execute_batch(&format!("PRAGMA ignore_check_constraints = ON; {sql}")).unwrap();
+    };
+    let role = "UPDATE users SET role = 'operatos' WHERE name = 'anna'";
+    spoil(&folder.file(""), &format!("{role}; DELETE FROM incident_number"));
+    let state = check_data(folder.0.path()).unwrap();
+    assert_eq!(state.damage.as_deref(), Some("CHECK constraint failed in users"));
+    assert_eq!(state.backups[0].damage, None);
+    let repaired = repair(folder.0.path(), Clock::start()).unwrap();
+    assert!(repaired.losses[0].contains("users") && repaired.losses[1].contains("backups"), "{repaired:?}");
+    assert_eq!(repaired.users, USERS);
+    let store = folder.serve();
+    runtime.block_on(async {
+        assert!(can_log_in(&store).await, "the user is as in the backup");
+        assert_eq!(store.next_incident_number(0).await.unwrap(), 8, "a number is never used twice");
+        store.close().await;
+    });
+    spoil(&backup, role);
+    assert!(check_data(folder.0.path()).unwrap().backups[0].damage.is_some());
 }
 
 #[test]
