@@ -39,7 +39,7 @@ impl Key {
         Key { bytes, hmac: hmac::Key::new(hmac::HMAC_SHA256, &bytes) }
     }
 
-    pub(super) fn id(&self) -> KeyId {
+    pub(crate) fn id(&self) -> KeyId {
         Sha256::new().chain_update(b"telltale audit key\0").chain_update(self.bytes).finalize().into()
     }
 

@@ -10,11 +10,12 @@ use telltale_yaml::private_file::make_private_file;
 use rusqlite::Connection;
 
 use super::salvage;
+use crate::audit::head::read_head;
 use crate::audit::known::as_they_are;
-use crate::audit::{Action, COMMAND_LINE, Record};
+use crate::audit::{Action, COMMAND_LINE, HEAD_FILE_NAME, KEY_FILE_NAME, Key, Record};
 use crate::database::files::put_aside;
 use crate::database::{backup, schema};
-use crate::{Database, DemoSecrets, FILE_NAME, Store, StoreError, history_damage};
+use crate::{Database, DemoSecrets, FILE_NAME, Head, Store, StoreError, history_damage};
 use telltale_clock::Clock;
 
 /// The result of checking a data folder.
@@ -57,9 +58,14 @@ pub struct Repaired {
 pub fn check_data(folder: &Path) -> Result<DataState, StoreError> {
     let database = folder.join(FILE_NAME);
     let trace = backup::trace_of_database(folder);
+    // Before the database: a server that runs notes what it has written.
+    let noted = read_head(&folder.join(HEAD_FILE_NAME)).ok().flatten();
     let (damage, users) = match backup::holds_something(folder) {
         true => match schema::read_only(folder, schema::LOCK_WAIT) {
-            Ok((connection, _, _)) => (schema::damage_of(&connection), count(&connection)),
+            Ok((connection, _, _)) => {
+                let damage = schema::damage_of(&connection).or_else(|| ends_early(&connection, noted));
+                (damage, count(&connection))
+            }
             Err(StoreError::Open { reason, .. }) => (Some(reason.to_string()), None),
             Err(error) => return Err(error),
         },
@@ -73,6 +79,25 @@ pub fn check_data(folder: &Path) -> Result<DataState, StoreError> {
     };
     let backups = backup::list(folder).into_iter().map(look).collect();
     Ok(DataState { database, damage, users, history_damage: history_damage(folder), backups })
+}
+
+/// Why the database is not the one to which `audit.head` belongs.
+fn ends_early(connection: &Connection, noted: Option<Head>) -> Option<String> {
+    let last = connection.query_row("SELECT max(number) FROM audit", [], |row| row.get::<_, Option<i64>>(0));
+    let (noted, last) = (noted?.number, last.ok()?.unwrap_or(0).unsigned_abs());
+    (last < noted).then(|| {
+        format!(
+            "its audit log ends at record {last}, and {HEAD_FILE_NAME} says {noted}: its log `-wal` is gone, or an older \
+             copy was put in its place"
+        )
+    })
+}
+
+/// Whether a backup was written with another key of the audit log than the one of this folder.
+fn is_of_another(backup: &Connection, folder: &Path) -> bool {
+    let key = Key::read(&folder.join(KEY_FILE_NAME)).ok().flatten();
+    let id = backup.query_row("SELECT id FROM audit_key", [], |row| row.get::<_, [u8; 32]>(0));
+    key.zip(id.ok()).is_some_and(|(key, id)| key.id() != id)
 }
 
 fn count(connection: &Connection) -> Option<u64> {
@@ -120,7 +145,13 @@ pub fn restore(folder: &Path, file: Option<&Path>, clock: Clock) -> Result<(Path
     let kept = put_in_place(folder, &new, connection, clock.wall())?;
     let record = Record::of(Action::DataRestored, COMMAND_LINE).on(file.display().to_string());
     note(folder, clock, record, false)?;
-    let losses = vec![format!("what happened after {} is not in it", file.display())];
+    let mut losses = vec![format!("what happened after {} is not in it", file.display())];
+    if is_of_another(&from, folder) {
+        losses.push(format!(
+            "it was written with another {KEY_FILE_NAME}, so nobody in it can log in: `telltale user passwd` takes each \
+             user in, or copy the key that belongs to it here"
+        ));
+    }
     Ok((file, Repaired { users, losses, kept }))
 }
 

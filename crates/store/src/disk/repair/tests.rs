@@ -226,6 +226,17 @@ fn a_row_that_the_schema_refuses_is_damage_and_its_loss_is_said() {
         assert_eq!(store.next_incident_number(0).await.unwrap(), 8, "a number is never used twice");
         store.close().await;
     });
+    // A backup of another vehicle.
+    fs::remove_file(folder.0.path().join(KEY_FILE_NAME)).unwrap();
+    fs::remove_file(folder.0.path().join(HEAD_FILE_NAME)).unwrap();
+    runtime.block_on(folder.serve().close());
+    let (_, restored) = restore(folder.0.path(), Some(&backup), Clock::start()).unwrap();
+    assert!(restored.losses[1].contains("another audit.key"), "{restored:?}");
+    // A database without what its log had.
+    let _ = fs::remove_file(folder.file("-wal"));
+    fs::copy(&backup, folder.file("")).unwrap();
+    let damage = check_data(folder.0.path()).unwrap().damage.unwrap();
+    assert!(damage.contains("audit.head says"), "{damage}");
     spoil(&backup, role);
     assert!(check_data(folder.0.path()).unwrap().backups[0].damage.is_some());
 }
