@@ -208,6 +208,22 @@ def test_a_vehicle_is_shown_as_it_was_in_the_frame_of_a_replay(demo, client, con
     assert console.locator("[data-replay]").count() == 0
 
 
+def test_a_recording_is_fetched_and_replayed_with_the_operators_screen(demo, client, page):
+    enter(page, demo, "engineer", USERS["engineer"])
+    page.goto(f"{demo.url}/vehicles/{IN_FAULT}")
+    page.locator("form[action$='/fetch'] button").first.click()
+    replay = page.locator("a[href^='/replay/']")
+    expect(replay).to_be_visible(timeout=60_000)
+    replay.click()
+    screen = page.frame_locator("iframe[name=screen]")
+    expect(screen.locator("#instruction")).to_contain_text("Take over", timeout=30_000)
+    expect(screen.locator("[data-tile=localization], #tile-localization").first).to_contain_text("Error")
+    page.get_by_role("link", name="Statuses").click()
+    expect(screen.locator("#modules")).to_contain_text("localization/tf_quality")
+    page.locator("#leave").click()
+    expect(page.locator("h1")).to_contain_text(IN_FAULT)
+
+
 def test_a_vehicle_that_says_goodbye_is_off_and_grey(console):
     off = row(console, SWITCHED_OFF)
     expect(off).to_have_attribute("data-contact", "off", timeout=120_000)

@@ -57,7 +57,7 @@ use database::foreign::Schema;
 use database::schema;
 use disk::health::Health;
 use disk::stall::JobWatch;
-use incidents::said_again as incidents_said_again;
+use incidents::{note_largest as note_largest_incident, said_again as incidents_said_again};
 use queue::{Job, Queue};
 use sessions::table::Sessions;
 use telltale_clock::Clock;

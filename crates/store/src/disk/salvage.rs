@@ -16,9 +16,8 @@ use tempfile::TempDir;
 use crate::audit::known::Known;
 use crate::audit::{KEY_FILE_NAME, Key, Log};
 use crate::database::{backup, schema};
-use crate::incidents::{all_records, note_number};
 use crate::users::secret::NOBODY;
-use crate::{Database, FILE_NAME, SessionKind, StoreError};
+use crate::{Database, FILE_NAME, SessionKind, StoreError, note_largest_incident};
 use telltale_clock::unix_ms;
 
 /// A folder whose files lie in memory.
@@ -177,9 +176,7 @@ fn salvage(
                 .to_owned(),
         );
     }
-    if let Some(largest) = all_records(&transaction, None)?.largest() {
-        note_number(&transaction, largest)?;
-    }
+    note_largest_incident(&transaction)?;
     if let Some(from) = &broken {
         let foreign = leave_out_foreign(folder, from, &transaction)?;
         if !foreign.is_empty() {

@@ -120,7 +120,7 @@ impl IncidentRecords {
     }
 
     /// The largest number of an incident.
-    pub(crate) fn largest(&self) -> Option<u64> {
+    pub(super) fn largest(&self) -> Option<u64> {
         let ids = self.hashes.keys().chain(self.notes.keys()).chain(self.kept.keys()).chain(&self.marked);
         ids.chain(&self.removed).copied().max()
     }
@@ -322,7 +322,7 @@ fn logged(connection: &Connection, id: u64) -> Result<Option<Logged>, StoreError
     Ok(is_known.then(|| Logged { hash: records.hash(id).cloned(), contradiction }))
 }
 
-pub(crate) fn all_records(connection: &Connection, id: Option<u64>) -> Result<IncidentRecords, StoreError> {
+pub(super) fn all_records(connection: &Connection, id: Option<u64>) -> Result<IncidentRecords, StoreError> {
     records(connection, id, schema::RECORD_NUMBER_MAX)
 }
 

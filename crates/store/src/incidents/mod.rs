@@ -13,11 +13,11 @@ pub use telltale_record::note_file::Note;
 use telltale_record::summary::Summary;
 
 pub use bounds::note as clean_note;
+pub(crate) use logged::said_again;
 pub use logged::{IncidentRecords, Logged, StoredIncident};
-pub(crate) use logged::{all_records, said_again};
 pub use read::{INCIDENTS_PAGE_MAX, IncidentFilter, Incidents, OnDisk};
 pub use write::Forgotten;
-pub(crate) use write::note_number;
+pub(crate) use write::note_largest;
 
 /// An incident in the store.
 #[derive(Debug, Clone, PartialEq)]

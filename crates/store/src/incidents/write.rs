@@ -4,7 +4,7 @@ use rusqlite::{Connection, OptionalExtension as _, Transaction, params};
 
 use super::Note;
 use super::bounds::{bounded, note};
-use super::logged::{columns, kept_target, note_target, recorded_target};
+use super::logged::{all_records, columns, kept_target, note_target, recorded_target};
 use super::read::{last_number, surely};
 use crate::audit::{Action, Record, TELLTALE};
 use crate::{Database, Store, StoreError};
@@ -182,8 +182,13 @@ impl Database {
     }
 }
 
+/// Notes the largest number that the records of the audit log name.
+pub(crate) fn note_largest(transaction: &Transaction<'_>) -> Result<(), StoreError> {
+    all_records(transaction, None)?.largest().map_or(Ok(()), |number| note_number(transaction, number))
+}
+
 /// The number is used, also when its incident is forgotten.
-pub(crate) fn note_number(transaction: &Transaction<'_>, number: u64) -> Result<(), StoreError> {
+fn note_number(transaction: &Transaction<'_>, number: u64) -> Result<(), StoreError> {
     let sql = "INSERT INTO incident_number (one, last) VALUES (1, ?1)
                ON CONFLICT (one) DO UPDATE SET last = max(last, ?1)";
     transaction.prepare_cached(sql)?.execute([surely(number)])?;

@@ -51,7 +51,9 @@ impl ServedFile {
 }
 
 /// The recordings that this server shows, by their names in addresses: `file`, or a name with a dot in it.
-pub struct ServedFiles(Box<dyn Fn(&str) -> Option<ServedFile> + Send + Sync>);
+pub struct ServedFiles(Box<FindFile>);
+
+type FindFile = dyn Fn(&str) -> Option<ServedFile> + Send + Sync;
 
 impl ServedFiles {
     pub fn new(of: impl Fn(&str) -> Option<ServedFile> + Send + Sync + 'static) -> ServedFiles {

@@ -6,6 +6,7 @@ pub mod hub;
 mod past;
 mod running;
 mod simulated;
+mod tape;
 mod tunnel;
 
 use std::fs;
@@ -142,6 +143,7 @@ async fn vehicles_of(
                 key_file: hub.key_file(&member.id),
                 folder: outbox,
                 kbit_s_max: KBIT_S_MAX,
+                recordings: Vec::new(),
                 clock,
             })
         };
@@ -164,7 +166,7 @@ fn named(loaded: &Loaded, member: &Member) -> Loaded {
     loaded
 }
 
-async fn live(vehicle: Vehicle, waits: Duration, ended: watch::Receiver<Option<Instant>>) {
+async fn live(mut vehicle: Vehicle, waits: Duration, ended: watch::Receiver<Option<Instant>>) {
     tokio::time::sleep(waits).await;
     let is_copy = !waits.is_zero();
     let written = tokio::task::spawn_blocking(move || {

@@ -14,6 +14,8 @@ use crate::clock::{Clock, unix_ms, wall_at};
 use crate::config::Loaded;
 use crate::engine::time::{Span, Timestamp};
 use crate::fleet::line::Hub;
+use crate::fleet::message::NotSent;
+use crate::fleet::recordings::{Finished, WISHES_AT_ONCE, refused};
 use crate::fleet::vehicle::{self, NEWS_MAX, Settings, Sources};
 
 /// A demo that was put to sleep for longer goes on where it wakes up.
@@ -36,6 +38,8 @@ pub struct Vehicle {
     /// Of its outbox.
     pub folder: PathBuf,
     pub kbit_s_max: u32,
+    /// Of its past.
+    pub recordings: Vec<Finished>,
     pub clock: Clock,
 }
 
@@ -44,8 +48,9 @@ impl Vehicle {
     ///
     /// # Errors
     /// Of the disk.
-    pub fn write_past(&self) -> anyhow::Result<()> {
-        past::write(&self.member, &self.loaded, &self.config, &self.folder, self.clock)
+    pub fn write_past(&mut self) -> anyhow::Result<()> {
+        self.recordings = past::write(&self.member, &self.loaded, &self.config, &self.folder, self.clock)?;
+        Ok(())
     }
 
     /// Drives until it is switched off, or the time to end by is told.
@@ -66,12 +71,12 @@ impl Vehicle {
             hub: self.hub.clone(),
             credentials: self.key_file.clone(),
             kbit_s_max: self.kbit_s_max,
-            sends_recordings: false,
+            sends_recordings: true,
             version: self.member.version.clone(),
         };
-        // Nothing is recorded here.
-        let ((wanted, _), (_, finished)) = (mpsc::channel(1), mpsc::channel(1));
-        let sources = Sources { snapshots, config, news, finished, wanted };
+        let (wants, mut wanted) = mpsc::channel(WISHES_AT_ONCE as usize);
+        let (send, finished) = mpsc::channel(NEWS_MAX);
+        let sources = Sources { snapshots, config, news, finished, wanted: wants };
         let fleet = vehicle::start(settings, Some(&self.folder), sources, clock)
             .with_context(|| format!("{} cannot tell the hub", self.member.id))?;
         let mut ticks = tokio::time::interval(Duration::from(PERIOD));
@@ -80,6 +85,14 @@ impl Vehicle {
         let until = loop {
             tokio::select! {
                 _ = ticks.tick() => {}
+                Some(number) = wanted.recv() => {
+                    // With a line that takes none, the console asks again.
+                    let _ = match self.recordings.iter().find(|it| it.incident == number) {
+                        Some(recording) => send.try_send(recording.clone()).is_ok(),
+                        None => tell.try_send(refused(number, NotSent::Gone)).is_ok(),
+                    };
+                    continue;
+                }
                 Ok(()) = ended.changed() => {
                     if let Some(until) = *ended.borrow_and_update() {
                         break until;

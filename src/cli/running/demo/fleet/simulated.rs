@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use serde::Serialize;
+
 use super::cast::Member;
+use super::tape::Tape;
 use crate::cli::running::vehicle::in_process::{Ears, listening, order};
 use crate::cli::running::vehicle::machine::Machine;
 use crate::config::Loaded;
@@ -40,6 +43,7 @@ pub struct Simulated {
     at: Timestamp,
     operates_at: Timestamp,
     localizes_at: Timestamp,
+    tape: Option<Tape>,
 }
 
 impl Simulated {
@@ -55,7 +59,34 @@ impl Simulated {
             at: start,
             operates_at: start,
             localizes_at: start,
+            tape: None,
         }
+    }
+
+    /// The state of its engine.
+    pub fn keyframe(&self) -> impl Serialize + use<> {
+        self.engine.keyframe()
+    }
+
+    /// Records what its engine hears from now on.
+    pub fn record(&mut self, tape: Tape) {
+        self.tape = Some(tape);
+    }
+
+    /// The recording; `None` if there is none, or the disk took not all of it.
+    pub fn take_tape(&mut self) -> Option<Tape> {
+        self.tape.take()
+    }
+
+    fn hear(&mut self, input: &Input) {
+        if let Some(tape) = &mut self.tape
+            && let Err(error) = tape.take(self.at, input)
+        {
+            tracing::error!("a recording of the demo is lost: {error:#}");
+            self.tape = None;
+        }
+        // What the engine refuses of an operator is tried again.
+        let _ = self.engine.handle(input, self.at);
     }
 
     /// Until when it has run.
@@ -89,8 +120,7 @@ impl Simulated {
         if self.at >= self.operates_at {
             self.operates_at = self.at + OPERATES_EVERY;
             for action in self.due(&snapshot) {
-                // What the engine refuses is tried again.
-                let _ = self.engine.handle(&Input::Operator(action), self.at);
+                self.hear(&Input::Operator(action));
             }
         }
         snapshot
@@ -100,7 +130,7 @@ impl Simulated {
         self.at = self.at + STEP;
         let now = self.at;
         for input in self.ears.hear(&mut self.machine, now, wall) {
-            self.engine.handle(&input, now);
+            self.hear(&input);
         }
         self.engine.handle(&Input::Tick, now);
     }
