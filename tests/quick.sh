@@ -15,7 +15,7 @@ export PROPTEST_RNG_SEED=${PROPTEST_RNG_SEED-20261122} PROPTEST_CASES=${PROPTEST
 cores=$(nproc)
 export RUST_TEST_THREADS=${RUST_TEST_THREADS-$((cores < 3 ? 8 : 4 * cores))}
 # Those that need the programs of tests/run.sh.
-others=(cyclone:: fast_dds:: dds:: book::commands driving:: fleet_export:: first_configuration::the_file_of_a_foreign_robot live::a_file_is_compared_with_a_foreign_robot goals::a_goal_that_is_no_pose
+others=(cyclone:: fast_dds:: dds:: book::commands driving:: evaluation_campaign::where_dds_is_not_heard fleet_export:: first_configuration::the_file_of_a_foreign_robot live::a_file_is_compared_with_a_foreign_robot goals::a_goal_that_is_no_pose
     network:: recording_files::a_recording_is_read_by recording_schemas:: source_messages::)
 
 # part NAME COMMAND: says how long it took.

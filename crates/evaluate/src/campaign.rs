@@ -12,6 +12,7 @@ use telltale_engine::time::Span;
 
 use super::figures::{self, Figures};
 use super::judge::{judge, judge_engine};
+use super::live::Live;
 use super::machine::{Machine, of_each};
 use super::plan::{Place, Plan};
 use super::rules::{Rule, of_engine, of_modules};
@@ -32,6 +33,8 @@ pub struct Results {
     pub baselines: BTreeMap<Rule, Vec<Figures>>,
     /// Ours by [`CURVE_MS`].
     pub curve: Vec<Vec<Figures>>,
+    /// Trials of these seeds that ran in real time.
+    pub live: Option<Live>,
 }
 
 struct Trial {
@@ -93,6 +96,7 @@ pub fn run(
         ours: Vec::new(),
         baselines: BTreeMap::new(),
         curve: vec![Vec::new(); CURVE_MS.len()],
+        live: None,
     };
     for trial in trials {
         results.ours.push(trial.ours);
@@ -107,20 +111,8 @@ pub fn run(
 fn trial(machine: &dyn Machine, plan: &Plan, engines: &Engines) -> Trial {
     let history = machine.history(plan.place, &plan.injections, plan.length_ms);
     let (ours, off) = (track(&engines.ours, &history), track(&engines.off, &history));
-    let alone: Vec<Track> = match &plan.injections[..] {
-        [_] => Vec::new(),
-        all => {
-            let each =
-                all.iter().map(|it| machine.history(plan.place, std::slice::from_ref(it), plan.length_ms));
-            each.map(|history| track(&engines.off, &history)).collect()
-        }
-    };
-    let present = Present::of(plan, machine.faults(), &off, &alone);
-    let of_engine_track = |shown: &Track| {
-        let mut figures = judge(&present, &of_engine(shown), None);
-        judge_engine(&present, shown, &off, &mut figures);
-        figures
-    };
+    let present = Present::of(plan, machine.faults(), &off, &alone(machine, plan, &engines.off), 0);
+    let of_engine_track = |shown: &Track| of_track(&present, shown, &off);
     let said = |rule: Rule| of_modules(rule, &engines.model, &off);
     let of_rule = |rule: Rule| match rule {
         Rule::Off => of_engine_track(&off),
@@ -140,6 +132,20 @@ fn trial(machine: &dyn Machine, plan: &Plan, engines: &Engines) -> Trial {
     }
 }
 
+/// Each of several faults alone, with nothing masked.
+pub(crate) fn alone(machine: &dyn Machine, plan: &Plan, off: &Engine) -> Vec<Track> {
+    let Plan { place, injections, length_ms, .. } = plan;
+    let each = injections.iter().filter(|_| injections.len() > 1);
+    each.map(|it| track(off, &machine.history(*place, std::slice::from_ref(it), *length_ms))).collect()
+}
+
+/// What an engine made of a trial. `off` masks nothing.
+pub(crate) fn of_track(present: &[Present], shown: &Track, off: &Track) -> Figures {
+    let mut figures = judge(present, &of_engine(shown), None);
+    judge_engine(present, shown, off, &mut figures);
+    figures
+}
+
 /// Ours against another rule, trial by trial.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Comparison {
@@ -155,6 +161,17 @@ pub struct Comparison {
 impl Results {
     pub fn faults(&self) -> u64 {
         Figures::sum(&self.ours).faults
+    }
+
+    /// The first trials with so many faults together; all of them, if there are not so many.
+    pub fn first(&self, faults: u64) -> Vec<u64> {
+        let mut before = 0;
+        let is_wanted = |(_, trial): &(u64, &Figures)| {
+            let wanted = before < faults;
+            before += trial.faults;
+            wanted
+        };
+        self.seeds.clone().zip(&self.ours).take_while(is_wanted).map(|(seed, _)| seed).collect()
     }
 
     /// Each rule by its name, ours first.
@@ -200,13 +217,17 @@ impl Results {
                 "alarms_per_fault": alarms.value, "alarms_per_fault_ci": [alarms.low, alarms.high],
             })
         });
-        json!({
+        let mut object = json!({
             "machine": self.machine,
             "seeds": [self.seeds.start, self.seeds.end - 1],
             "faults": self.faults(),
             "ours": figures::to_json(&self.ours),
             "baselines": baselines,
             "curve": curve.collect::<Vec<_>>(),
-        })
+        });
+        if let Some(live) = &self.live {
+            object["live"] = live.to_json();
+        }
+        object
     }
 }

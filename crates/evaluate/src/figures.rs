@@ -57,6 +57,11 @@ impl Figures {
         self.hidden_ms += other.hidden_ms;
     }
 
+    /// Something happened that must not.
+    pub fn is_wrong(&self) -> bool {
+        self.wrong_greens + self.wrong_reactions + self.wrong_instructions + self.hidden_beyond_within > 0
+    }
+
     pub fn sum<'a>(trials: impl IntoIterator<Item = &'a Figures>) -> Figures {
         trials.into_iter().fold(Figures::default(), |mut sum, trial| {
             sum.add(trial);

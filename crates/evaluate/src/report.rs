@@ -5,6 +5,7 @@ use std::fmt::{Display, Write as _};
 use super::campaign::{CURVE_MS, Results};
 use super::figures::{self, Figure, Figures};
 use super::learning::{Learning, Part, Score, TRIALS};
+use super::live::Live;
 use super::statistics::wilson;
 
 /// The mark on the curve: how long a cause explains what begins after it, by default.
@@ -76,6 +77,43 @@ pub fn markdown(results: &Results) -> String {
         );
     }
     line(&mut out, format_args!("\n![Hidden faults against alarms]({machine}-curve.svg)"));
+    if let Some(live) = &results.live {
+        out += &in_real_time(live);
+    }
+    out
+}
+
+/// The trials that ran in real time beside the same ones in virtual time.
+fn in_real_time(live: &Live) -> String {
+    let mut out = "\n## Live\n\n".to_owned();
+    let (trials, faults) = (live.ours.len(), Figures::sum(&live.ours).faults);
+    line(
+        &mut out,
+        format_args!(
+            "{trials} of the trials, with {faults} faults, in real time over DDS. Runs in which the computer held up the program \
+             or a message for longer than 0.2 s were made again: {}. Trials without a run that counts: {}.\n",
+            live.repeated,
+            live.left_out.len()
+        ),
+    );
+    line(&mut out, "| | Live | The same trials in virtual time |\n|---|---|---|");
+    let all = |trials: &[Figures]| -> Vec<Figure> {
+        let times = figures::times(trials).map(|it| scaled(it, 1e-3));
+        let names = ["time to the cause, p50 (s)", "time to the cause, p95 (s)"];
+        let times = times.into_iter().zip(names).map(|(it, name)| Figure { name, ..it });
+        let names = ["hidden", "hidden beyond `within`", "hidden for (s)"];
+        let hidden = figures::hidden(trials).into_iter().zip(names).map(|(it, name)| Figure { name, ..it });
+        figures::ratios(trials)
+            .into_iter()
+            .chain(times)
+            .chain(figures::counts(trials))
+            .chain(hidden)
+            .collect()
+    };
+    for (ours, other) in all(&live.ours).into_iter().zip(all(&live.in_virtual_time)) {
+        let name = ours.name.replace('_', " ");
+        line(&mut out, format_args!("| {name} | {} | {} |", shown(ours), shown(other)));
+    }
     out
 }
 

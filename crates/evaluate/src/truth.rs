@@ -29,8 +29,9 @@ pub fn is_bad(state: State) -> bool {
 }
 
 impl Present {
-    /// The faults of a trial. `off` is a run of all faults without masking, `alone` one with each.
-    pub fn of(plan: &Plan, faults: &[Fault], off: &Track, alone: &[Track]) -> Vec<Present> {
+    /// The faults of a trial. `off` is a run of all faults without masking, `alone` one with each. A module may notice a
+    /// fault so much earlier or later in `off` than in `alone`.
+    pub fn of(plan: &Plan, faults: &[Fault], off: &Track, alone: &[Track], apart_ms: u64) -> Vec<Present> {
         let one = |(index, injection): (usize, &Injection)| {
             let snapshot = &off.0.first()?.1;
             let truth = &faults[injection.fault].truth;
@@ -40,20 +41,31 @@ impl Present {
             });
             let modules: Vec<ModuleId> = modules.collect();
             let begins_ms = injection.begins_ms();
-            let reports = |track: &Track, ms: u64| reported(track.at(ms), &modules);
             let with = alone.get(index).unwrap_or(off);
             let noticed_ms = with.0.iter().find(|(at, it)| *at >= begins_ms && reported(it, &modules))?.0;
-            let mut times: Vec<u64> =
-                [off, with].iter().flat_map(|it| it.0.iter().map(|(at, _)| *at)).collect();
-            let others = || alone.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, it)| it);
-            times.extend(others().flat_map(|it| it.0.iter().map(|(at, _)| *at)));
-            times.push(plan.length_ms);
-            times.extend(injection.spells.iter().flat_map(|(from, to)| [*from, *to]));
+            let shorter_ms = if alone.is_empty() { 0 } else { apart_ms };
+            let together = reports(off, &modules, plan.length_ms);
+            let with: Spans = reports(with, &modules, plan.length_ms)
+                .into_iter()
+                .map(|(from, to)| (from + shorter_ms, to.saturating_sub(shorter_ms)))
+                .collect();
+            let others = alone.iter().enumerate().filter(|(other, _)| *other != index);
+            let others: Spans = others
+                .flat_map(|(_, it)| reports(it, &modules, plan.length_ms))
+                .map(|(from, to)| (from.saturating_sub(apart_ms), to + apart_ms))
+                .collect();
+            let mut times: Vec<u64> = [&injection.spells, &together, &with, &others]
+                .into_iter()
+                .flatten()
+                .flat_map(|(from, to)| [*from, *to])
+                .collect();
             times.sort_unstable();
             times.dedup();
-            let is_there = |ms: u64| injection.spells.iter().any(|(from, to)| (*from..*to).contains(&ms));
             let is_distinct = |ms: u64| {
-                is_there(ms) && reports(off, ms) && reports(with, ms) && !others().any(|it| reports(it, ms))
+                is_in(&injection.spells, ms)
+                    && is_in(&together, ms)
+                    && is_in(&with, ms)
+                    && !is_in(&others, ms)
             };
             let spans = times.windows(2).filter(|span| is_distinct(span[0])).map(|span| (span[0], span[1]));
             let distinct = spans.collect();
@@ -67,8 +79,29 @@ impl Present {
 
     /// Whether its modules report it at this instant, as nothing else would make them.
     pub fn is_distinct(&self, ms: u64) -> bool {
-        self.distinct.iter().any(|(from, to)| (*from..*to).contains(&ms))
+        is_in(&self.distinct, ms)
     }
+}
+
+/// From the first millisecond to the one after the last.
+type Spans = Vec<(u64, u64)>;
+
+fn is_in(spans: &Spans, ms: u64) -> bool {
+    spans.iter().any(|(from, to)| (*from..*to).contains(&ms))
+}
+
+/// When one of the modules reports something.
+fn reports(track: &Track, modules: &[ModuleId], length_ms: u64) -> Spans {
+    let ends = track.0.iter().skip(1).map(|(at, _)| *at).chain([length_ms]);
+    let shown = track.0.iter().zip(ends).filter(|((_, snapshot), _)| reported(snapshot, modules));
+    let mut spans = Spans::new();
+    for ((from, _), to) in shown {
+        match spans.last_mut() {
+            Some(last) if last.1 == *from => last.1 = to,
+            _ => spans.push((*from, to)),
+        }
+    }
+    spans
 }
 
 /// When a module becomes worse.

@@ -75,7 +75,7 @@ impl Turns {
     ///
     /// # Errors
     /// It does not, or the engine has ended.
-    pub(super) fn next(&self, within: Duration) -> Result<Turn, RecvTimeoutError> {
+    pub fn next(&self, within: Duration) -> Result<Turn, RecvTimeoutError> {
         let turn = self.queue.recv_timeout(within)?;
         self.waiting_bytes.fetch_sub(turn.bytes, Ordering::Relaxed);
         Ok(turn)

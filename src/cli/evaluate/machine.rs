@@ -8,20 +8,23 @@ use anyhow::{Context as _, bail};
 
 use crate::cli::running::demo::load_config;
 use crate::cli::running::vehicle::in_process::{Ears, listening, publishers};
-use crate::cli::running::vehicle::machine::{Kind, Machine, SEED};
+use crate::cli::running::vehicle::machine::{Kind, Machine, SEED, diagnostics};
 use crate::config::Loaded;
 use crate::engine::action::{OperatorAction, Place as Where};
 use crate::engine::input::{Input, StatusArray};
 use crate::engine::model::monitors::MonitorSpec;
 use crate::engine::model::sample::Pose;
 use crate::engine::model::wording::Urgency;
-use crate::engine::model::{Model, ModuleMonitor, ModuleSpec, Stage, Stop};
+use crate::engine::model::{Limits, Model, ModuleMonitor, ModuleSpec, Stage, Stop};
 use crate::engine::snapshot::Snapshot;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::time::Timestamp;
 use crate::evaluate::machine::{self, History, STEP, Step};
-use crate::evaluate::plan::{Fault, Injection, Place};
+use crate::evaluate::plan::{Fault, Injection, Place, Plan};
+use crate::msg::cdr::Endian;
+use crate::msg::messages::diagnostic_array;
+use crate::ros::DIAGNOSTICS;
 use crate::sim::machine::Order;
 
 /// A machine comes to its place within this time, or never.
@@ -70,8 +73,62 @@ pub struct Simulated {
 
 /// A machine at its place, and how it came there.
 struct Begun {
+    start: Machine,
     machine: Machine,
     history: History,
+    /// What the machine was told on its way.
+    orders: Vec<(Timestamp, Order)>,
+}
+
+impl Begun {
+    fn zero(&self) -> Timestamp {
+        self.history.last().map_or(Timestamp::ZERO, |step| step.at)
+    }
+}
+
+/// A machine that goes through a trial from its start on, step by step. It publishes what the trial has in virtual time.
+pub struct Ride<'a> {
+    of: &'a Simulated,
+    begun: &'a Begun,
+    plan: &'a Plan,
+    pub machine: Machine,
+    /// The machine's own time.
+    pub now: Timestamp,
+    /// When the trial begins.
+    pub zero: Timestamp,
+}
+
+impl Ride<'_> {
+    /// The operator's actions of the last step.
+    pub fn actions(&self) -> impl Iterator<Item = &OperatorAction> {
+        let step = self.begun.history.get((self.now.as_nanos() / STEP.as_nanos()) as usize);
+        step.into_iter().flat_map(|step| &step.inputs).filter_map(|input| match input {
+            Input::Operator(action) => Some(action),
+            _ => None,
+        })
+    }
+
+    /// Goes on by one step, and returns the messages with their topics; `wall` is the wall time of an instant.
+    pub fn step(&mut self, wall: impl Fn(Timestamp) -> SystemTime) -> Vec<(&str, Vec<u8>)> {
+        let told = self.begun.orders.iter().filter(|(at, _)| *at == self.now);
+        told.for_each(|(_, order)| self.machine.obey(*order));
+        self.now = self.now + STEP;
+        let raised = match self.now > self.zero {
+            true => self.of.switch(
+                &mut self.machine,
+                &self.plan.injections,
+                self.now.since(self.zero).as_millis(),
+            ),
+            false => Vec::new(),
+        };
+        let stamp = wall(self.now);
+        let mut sent = self.machine.advance(self.now, wall);
+        for (_, body) in sent.iter_mut().filter(|(topic, _)| *topic == DIAGNOSTICS && !raised.is_empty()) {
+            let (array, _) = diagnostic_array(body, Endian::Little, &Limits::default());
+            *body = diagnostics(&with_errors(&array, &raised), stamp);
+        }
+        sent
+    }
 }
 
 impl Simulated {
@@ -112,6 +169,26 @@ impl Simulated {
             Place::AtAStop => &self.at_a_stop,
         }
     }
+
+    pub fn ride<'a>(&'a self, plan: &'a Plan) -> Ride<'a> {
+        let begun = self.begun(plan.place);
+        let (machine, zero) = (begun.start.clone(), begun.zero());
+        Ride { of: self, begun, plan, machine, now: Timestamp::ZERO, zero }
+    }
+
+    /// Switches the faults of the machine as they are then. Returns the statuses that report one of their own.
+    fn switch(&self, machine: &mut Machine, injections: &[Injection], ms: u64) -> Vec<&str> {
+        let mut raised: Vec<&str> = Vec::new();
+        for injection in injections {
+            let is_there = injection.spells.iter().any(|(from, to)| (*from..*to).contains(&ms));
+            match &self.causes[injection.fault] {
+                Cause::Machine(name) => machine.set_fault(name, is_there),
+                Cause::Status(name) if is_there => raised.push(name),
+                Cause::Status(_) => {}
+            }
+        }
+        raised
+    }
 }
 
 impl machine::Machine for Simulated {
@@ -136,7 +213,7 @@ impl machine::Machine for Simulated {
 
     fn history(&self, place: Place, injections: &[Injection], length_ms: u64) -> History {
         let begun = self.begun(place);
-        let zero = begun.history.last().map_or(Timestamp::ZERO, |step| step.at);
+        let zero = begun.zero();
         let mut machine = begun.machine.clone();
         let mut ears = Ears::of(&self.loaded, Timestamp::ZERO);
         let mut history = History::new();
@@ -144,15 +221,7 @@ impl machine::Machine for Simulated {
         while now.since(zero).as_millis() < length_ms {
             now = now + STEP;
             let ms = now.since(zero).as_millis();
-            let mut raised: Vec<&str> = Vec::new();
-            for injection in injections {
-                let is_there = injection.spells.iter().any(|(from, to)| (*from..*to).contains(&ms));
-                match &self.causes[injection.fault] {
-                    Cause::Machine(name) => machine.set_fault(name, is_there),
-                    Cause::Status(name) if is_there => raised.push(name),
-                    Cause::Status(_) => {}
-                }
-            }
+            let raised = self.switch(&mut machine, injections, ms);
             let mut inputs = ears.hear(&mut machine, now, wall);
             for input in &mut inputs {
                 if let Input::Diagnostics(array) = input
@@ -172,6 +241,8 @@ fn begin(kind: Kind, loaded: &Loaded, place: Place) -> anyhow::Result<Begun> {
     let stop =
         |(id, x_m): (&str, f64)| Stop { id: id.into(), name: Text::plain(id), x_m, y_m: 0.0, yaw_deg: 0.0 };
     let mut machine = Machine::along(kind, SEED, &loaded.model, &STOPS.map(stop), Timestamp::ZERO);
+    let start = machine.clone();
+    let mut orders = Vec::new();
     let (mut engine, mut ears) = listening(loaded, Timestamp::ZERO);
     let mut history = vec![Step { at: Timestamp::ZERO, inputs: publishers(&loaded.model).collect() }];
     let mut now = Timestamp::ZERO;
@@ -189,27 +260,32 @@ fn begin(kind: Kind, loaded: &Loaded, place: Place) -> anyhow::Result<Begun> {
         if let Kind::Shuttle(_) = kind {
             let (actions, order) = operate(&snapshot, place, now);
             inputs.extend(actions.into_iter().map(Input::Operator));
-            order.into_iter().for_each(|order| machine.obey(order));
+            if let Some(order) = order {
+                machine.obey(order);
+                orders.push((now, order));
+            }
         }
         inputs.iter().for_each(|input| drop(engine.handle(input, now)));
         engine.handle(&Input::Tick, now);
         history.push(Step { at: now, inputs });
         let snapshot = engine.snapshot();
-        let is_there = snapshot.overall == State::Ok && is_at(&snapshot, place);
+        let is_there = is_at(&snapshot, place);
         there_since = there_since.filter(|_| is_there).or(is_there.then_some(now));
     }
-    Ok(Begun { machine, history })
+    Ok(Begun { start, machine, history, orders })
 }
 
-fn is_at(snapshot: &Snapshot, place: Place) -> bool {
+/// Whether it is at this place, with everything in order.
+pub fn is_at(snapshot: &Snapshot, place: Place) -> bool {
     let moves = match snapshot.has_stages() {
         true => snapshot.stage == Stage::Active,
         false => snapshot.signals.iter().any(|(name, value)| &**name == "navigating" && *value == Some(true)),
     };
-    match place {
+    let is_there = match place {
         Place::OnItsWay => moves,
         Place::AtAStop => !moves && (snapshot.stage == Stage::Standby || !snapshot.has_stages()),
-    }
+    };
+    is_there && snapshot.overall == State::Ok
 }
 
 /// What the operator of the shuttle does now, and what the shuttle is told of it.

@@ -1,11 +1,13 @@
 //! `telltale evaluate`: measures the diagnosis in a campaign of faults with known truth.
 
+mod live;
 mod machine;
 
 use std::num::NonZero;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::{Context as _, ensure};
 use clap::ValueEnum;
@@ -15,6 +17,7 @@ use crate::cli::running::vehicle::machine::Kind;
 use crate::evaluate::campaign::{self, CURVE_MS, Results};
 use crate::evaluate::figures::{self, Figure, Figures};
 use crate::evaluate::learning;
+use crate::evaluate::live::Live;
 use crate::evaluate::report;
 use crate::sim::machine::Departure;
 use machine::Simulated;
@@ -28,7 +31,8 @@ const SEEDS_MAX: u64 = 1_000_000;
 /// others with drawn delays and mistakes judge it, and so do other rules of diagnosis.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale evaluate --seeds 1..200\n  \
-    telltale evaluate --machine robot --seeds 1..1000 --json")]
+    telltale evaluate --machine robot --seeds 1..1000 --json\n  \
+    telltale evaluate --seeds 1..100 --live 100")]
 pub struct Args {
     /// The machine
     #[arg(long, value_enum, default_value_t = Word::Shuttle)]
@@ -36,9 +40,18 @@ pub struct Args {
     /// The first and the last seed
     #[arg(long, value_name = "A..B", value_parser = seeds, default_value = "1..300")]
     seeds: Range<u64>,
-    /// Trials that run at a time [default: as many as there are cores]
+    /// Trials that run at a time [default: as many as there are cores; three times as many in real time]
     #[arg(long, value_name = "COUNT")]
     threads: Option<NonZero<usize>>,
+    /// Run the first trials with so many faults in real time too: over DDS, judged by the running diagnosis
+    ///
+    /// It needs DDS on the loopback interface, and a computer that has time: a run in which it held up the program or
+    /// a message for longer than 0.2 s is made again, and is counted.
+    #[arg(long, value_name = "FAULTS")]
+    live: Option<NonZero<u64>>,
+    /// The first of the DDS domains of trials in real time [default: those that nobody uses here, from 60 on]
+    #[arg(long, value_name = "N", requires = "live")]
+    domain: Option<u16>,
     /// Print the figures as one JSON object
     #[arg(long)]
     json: bool,
@@ -62,8 +75,11 @@ impl Word {
     }
 }
 
+/// Trials in real time for each core: they wait most of the time.
+const LIVE_OF_A_CORE: usize = 3;
+
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let machine = args.machine.machine()?;
+    let machine = Arc::new(args.machine.machine()?);
     let threads = args.threads.or(std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
     let all = args.seeds.end - args.seeds.start;
     let progress = |done: u64| {
@@ -71,11 +87,21 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             tracing::info!("{done} of {all} trials");
         }
     };
-    let results = campaign::run(&machine, args.seeds.clone(), threads, &progress);
+    let mut results = campaign::run(&*machine, args.seeds.clone(), threads, &progress);
     ensure!(results.faults() > 0, "no module noticed any fault of these seeds: take more of them");
+    if let Some(faults) = args.live {
+        ensure!(
+            results.faults() >= faults.get(),
+            "these seeds have {} faults that a module notices: take more seeds, or fewer faults",
+            results.faults()
+        );
+        let at_a_time = args.threads.map_or(threads * LIVE_OF_A_CORE, NonZero::get);
+        let trials = live::run(&machine, results.first(faults.get()), at_a_time, args.domain)?;
+        results.live = Some(Live::judge(&*machine, &results, trials, threads));
+    }
     if let Some(folder) = &args.report {
         let name = results.machine;
-        let learned = learning::measure(&machine, args.seeds.clone(), threads);
+        let learned = learning::measure(&*machine, args.seeds.clone(), threads);
         std::fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
         for (file, text) in [
             (format!("{name}.md"), report::markdown(&results)),
@@ -130,7 +156,9 @@ fn summary(results: &Results) -> String {
         "hidden",
         "hidden s"
     ));
-    for (name, trials) in results.rules() {
+    let live = results.live.iter();
+    let live = live.flat_map(|live| [("live", &live.ours), ("as virtual", &live.in_virtual_time)]);
+    for (name, trials) in results.rules().chain(live) {
         let [first, precision, recall, rank, alarms, _] = figures::ratios(trials).map(value);
         let [p50, p95] =
             figures::times(trials).map(|it| value(Figure { value: it.value.map(|ms| ms / 1000.0), ..it }));
@@ -141,19 +169,16 @@ fn summary(results: &Results) -> String {
             sum.hidden_ms as f64 / 1000.0
         ));
     }
-    let sum = Figures::sum(&results.ours);
     lines.add("");
-    lines.add(format_args!(
-        "ours: {} wrong greens, {} wrong reactions, {} wrong instructions, {} hidden longer than a cause may explain",
-        sum.wrong_greens, sum.wrong_reactions, sum.wrong_instructions, sum.hidden_beyond_within
-    ));
-    let is_wrong = |it: &Figures| {
-        it.wrong_greens + it.wrong_reactions + it.wrong_instructions + it.hidden_beyond_within > 0
-    };
-    let wrong = seeds.clone().zip(&results.ours).filter(|(_, trial)| is_wrong(trial));
-    let wrong: Vec<String> = wrong.map(|(seed, _)| seed.to_string()).collect();
-    if !wrong.is_empty() {
-        lines.add(format_args!("in the trials of the seeds {}", wrong.join(", ")));
+    add_wrong(&mut lines, "ours", seeds.clone(), &results.ours);
+    if let Some(Live { ours, seeds, repeated, left_out, .. }) = &results.live {
+        add_wrong(&mut lines, "live", seeds.iter().copied(), ours);
+        let faults = Figures::sum(ours).faults;
+        lines.add(format_args!(
+            "live: {} trials, {faults} faults, {repeated} runs made again, {} trials without a run that counts",
+            ours.len(),
+            left_out.len()
+        ));
     }
     lines.add("");
     lines.add(format_args!("{:<16}{:>8}{:>10}{:>9}", "a cause explains", "hidden", "hidden s", "alarms"));
@@ -168,6 +193,20 @@ fn summary(results: &Results) -> String {
         ));
     }
     lines.text().to_owned()
+}
+
+/// What must not happen, with the seeds of the trials in which it did.
+fn add_wrong(lines: &mut Lines, name: &str, seeds: impl Iterator<Item = u64>, trials: &[Figures]) {
+    let sum = Figures::sum(trials);
+    lines.add(format_args!(
+        "{name}: {} wrong greens, {} wrong reactions, {} wrong instructions, {} hidden longer than a cause may explain",
+        sum.wrong_greens, sum.wrong_reactions, sum.wrong_instructions, sum.hidden_beyond_within
+    ));
+    let wrong = seeds.zip(trials).filter(|(_, trial)| trial.is_wrong());
+    let wrong: Vec<String> = wrong.map(|(seed, _)| seed.to_string()).collect();
+    if !wrong.is_empty() {
+        lines.add(format_args!("in the trials of the seeds {}", wrong.join(", ")));
+    }
 }
 
 fn value(figure: Figure) -> String {

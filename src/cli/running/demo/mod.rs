@@ -134,11 +134,16 @@ fn domain(asked: Option<u16>) -> anyhow::Result<u16> {
     match asked {
         Some(domain) if domain <= DOMAIN_MAX => Ok(domain),
         Some(domain) => bail!("domain {domain} does not exist: ROS domains are 0 to {DOMAIN_MAX}"),
-        None => DOMAINS.into_iter().find(|&domain| is_free(domain)).with_context(|| {
+        None => free_domains().next().with_context(|| {
             let (first, last) = (DOMAINS.start(), DOMAINS.end());
             format!("the DDS domains {first} to {last} are all in use here; choose another one with --domain")
         }),
     }
+}
+
+/// Those that no participant on this machine uses.
+pub(in crate::cli) fn free_domains() -> impl Iterator<Item = u16> {
+    DOMAINS.filter(|&domain| is_free(domain))
 }
 
 /// Whether the port of a domain's first participant is free (RTPS 2.5, 9.6.2.3).

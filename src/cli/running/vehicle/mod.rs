@@ -141,7 +141,11 @@ impl Vehicle {
     }
 }
 
-async fn publisher(options: &BridgeOptions, machine: &Machine) -> Result<Publisher, BridgeError> {
+/// A participant that offers the topics of a machine.
+pub(in crate::cli) async fn publisher(
+    options: &BridgeOptions,
+    machine: &Machine,
+) -> Result<Publisher, BridgeError> {
     let mut publisher = Publisher::open(options, &[]).await?;
     for (topic, type_name, quality) in machine.offers() {
         publisher.offer(topic, type_name, quality)?;
