@@ -234,7 +234,10 @@ impl Store {
         for (id, heads) in &changes.unwritten.heads {
             for (head, stored_ms) in heads {
                 let record = i64::try_from(head.number).unwrap_or(i64::MAX);
-                let sql = "INSERT OR IGNORE INTO audit_heads (vehicle, record, head, stored_ms) VALUES (?1, ?2, ?3, ?4)";
+                // An older one that the hub took earlier is read again, after it was thinned out.
+                let sql = "INSERT OR IGNORE INTO audit_heads (vehicle, record, head, stored_ms)
+                           SELECT ?1, ?2, ?3, ?4 WHERE NOT EXISTS (
+                               SELECT 1 FROM audit_heads WHERE vehicle = ?1 AND record > ?2 AND stored_ms > ?4)";
                 let values = params![id.as_str(), record, head.to_string(), stored_ms];
                 transaction.prepare_cached(sql)?.execute(values)?;
             }
@@ -339,18 +342,23 @@ mod tests {
         let mut fleet = store.fleet().unwrap();
         let [a, b] = ["a", "b"].map(|id| VehicleId::new(id).unwrap());
         let head = |number: usize| telltale_store::Head::parse(&format!("{number}:{number:064x}")).unwrap();
-        for heads in [0..10, 10..15_000] {
+        let mut tell = |of: &VehicleId, heads: Vec<(telltale_store::Head, i64)>| {
             let mut changes = Changes::of(&mut fleet, &clock);
-            changes.unwritten.heads.insert(a.clone(), heads.map(|number| (head(number + 1), 0)).collect());
-            changes.unwritten.heads.insert(b.clone(), vec![(head(7), 0)]);
+            changes.unwritten.heads.insert(of.clone(), heads);
             store.write(&changes).unwrap();
+        };
+        tell(&b, vec![(head(7), 0)]);
+        // The last ones are read again.
+        for heads in [0..10, 10..15_000, 40..60] {
+            tell(&a, heads.map(|number| (head(number + 1), number as i64)).collect());
         }
-        drop(store);
         let kept = |id| Store::audit_heads(folder.path(), id).unwrap();
         assert_eq!(kept(&b).len(), 1);
         let numbers: Vec<u64> = kept(&a).iter().map(|told| told.head.number).collect();
         let old = numbers.iter().filter(|&&number| number <= 5_000).count();
         assert_eq!((numbers.len() - old, numbers.last()), (10_000, Some(&15_000)));
         assert!((77..=79).contains(&old), "{old}");
+        tell(&a, vec![(head(50), 20_000)]);
+        assert_eq!(kept(&a).last().map(|told| told.head.number), Some(50), "an older copy tells it anew");
     }
 }
