@@ -79,7 +79,7 @@ fn a_fault_of_the_robot_over_dds_is_judged_as_in_virtual_time() {
     live("robot", "3..3");
 }
 
-/// In a network whose loopback interface is down.
+/// In a network with its loopback interface down.
 #[test]
 fn where_dds_is_not_heard_a_live_campaign_says_so() {
     let words = ["evaluate", "--seeds", "2..2", "--live", "1"];

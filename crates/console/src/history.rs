@@ -31,7 +31,7 @@ pub struct Known {
     pub is_whole: bool,
     /// The hub has nothing later of this vehicle.
     is_to_newest: bool,
-    /// What was told at the end, and the hub does not have any more.
+    /// Messages at the end that the vehicle told and the hub lost.
     lost: Option<Unknown>,
 }
 
@@ -77,8 +77,7 @@ impl Known {
         self.is_from_oldest = self.first == Some(number);
     }
 
-    /// The vehicle is known to have told this message, whatever the hub has now: the log of another vehicle may have pushed
-    /// its own out.
+    /// The vehicle told this message. The hub may have lost it: the log of another vehicle may have pushed it out.
     pub fn was_told(&mut self, end: Mark) {
         let last = self.history.messages().last().map(Message::end);
         if self.is_to_newest && last < Some(end) {

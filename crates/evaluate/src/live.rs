@@ -1,5 +1,5 @@
-//! Trials that ran in real time: what the running diagnosis showed of them, and the figures of it beside those of the same
-//! trials in virtual time.
+//! Trials in real time: the states that the running diagnosis showed, and their figures beside those of the same trials in
+//! virtual time.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ use super::variant;
 /// earlier or later than in virtual time: of two faults, this time around the changes of each counts for neither.
 pub const HELD_UP_MS: u64 = 200;
 
-/// What was shown of the trial of a seed.
+/// The states shown in the trial of a seed.
 #[derive(Debug)]
 pub struct Heard {
     pub seed: u64,
@@ -27,7 +27,7 @@ pub struct Heard {
     pub off: Track,
 }
 
-/// What was shown of all trials.
+/// The states shown in all trials.
 #[derive(Debug, Default)]
 pub struct Trials {
     pub heard: Vec<Heard>,

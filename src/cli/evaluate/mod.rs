@@ -45,11 +45,11 @@ pub struct Args {
     threads: Option<NonZero<usize>>,
     /// Run the first trials with so many faults in real time too: over DDS, judged by the running diagnosis
     ///
-    /// It needs DDS on the loopback interface, and a computer that has time: a run in which it held up the program or
-    /// a message for longer than 0.2 s is made again, and is counted.
+    /// It needs DDS on the loopback interface, and a computer with time to spare: a run that the computer held up for more
+    /// than 0.2 s is made again, and is counted.
     #[arg(long, value_name = "FAULTS")]
     live: Option<NonZero<u64>>,
-    /// The first of the DDS domains of trials in real time [default: those that nobody uses here, from 60 on]
+    /// The first of the DDS domains of trials in real time [default: free ones, from 60 on]
     #[arg(long, value_name = "N", requires = "live")]
     domain: Option<u16>,
     /// Print the figures as one JSON object
@@ -195,7 +195,7 @@ fn summary(results: &Results) -> String {
     lines.text().to_owned()
 }
 
-/// What must not happen, with the seeds of the trials in which it did.
+/// The counts that must be 0, with the seeds of the trials where they are not.
 fn add_wrong(lines: &mut Lines, name: &str, seeds: impl Iterator<Item = u64>, trials: &[Figures]) {
     let sum = Figures::sum(trials);
     lines.add(format_args!(

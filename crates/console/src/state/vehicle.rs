@@ -194,7 +194,7 @@ impl Vehicle {
         }
     }
 
-    /// The oldest incident beyond those that are kept. Those whose recordings are here stay, as many again.
+    /// The oldest incident that is too many. One with its recording here stays, up to as many again.
     fn surplus(&self) -> Option<u64> {
         let surplus = self.incidents.len().saturating_sub(INCIDENTS_MAX);
         let mut oldest = self.incidents.keys().take(surplus).copied();

@@ -319,8 +319,7 @@ impl Verifier {
     }
 }
 
-/// The record that says again what is wrong with the records up to this number, which are pruned, unless an authority has
-/// acknowledged it.
+/// The record of a breach among the records up to this number, which are pruned, if no authority has acknowledged it.
 pub(super) fn breach_said_again(
     connection: &Connection,
     key: &Key,
@@ -340,7 +339,7 @@ pub(super) fn breach_said_again(
             return Ok(None);
         }
     }
-    let what = format!("record {} of those that are pruned {}", breach.number, breach.what);
+    let what = format!("the pruned record {} {}", breach.number, breach.what);
     Ok(Some(Record::of(Action::ChainBroken, TELLTALE).on(what)))
 }
 

@@ -339,7 +339,7 @@ fn prune(
     }
     let number = first + PRUNE_AT_ONCE - 1;
     let Some(hash) = hash_of(connection, number)? else { return Ok(None) };
-    // What they say of users, tokens and incidents must still be known, and what is wrong with them.
+    // Users, tokens, incidents and breaches that only these records name stay known.
     let mut said_again = Known::read(connection, key)?.said_again(connection, number)?;
     said_again.extend(incidents_said_again(connection, number)?);
     said_again.extend(chain::breach_said_again(connection, key, number)?);

@@ -236,7 +236,7 @@ async fn what_pruned_records_said_of_incidents_and_of_a_breach_is_still_known() 
     let stored = incidents.stored(2).unwrap().unwrap();
     assert_eq!((again.contradiction(&stored), again.kept(2, None)), (None, Some(true)));
     assert!(again.may_be_note(2, &stored.incident.note.unwrap()));
-    assert!(breach.what.contains("record 2 of those that are pruned"), "{breach:?}");
+    assert!(breach.what.contains("the pruned record 2"), "{breach:?}");
 }
 
 #[tokio::test]

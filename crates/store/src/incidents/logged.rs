@@ -213,8 +213,7 @@ impl Incidents {
     }
 }
 
-/// The records that say again what is known of incidents by records up to this number, which are pruned. Incidents that
-/// were removed are not said again.
+/// New records of the incidents that the records up to this number name, which are pruned. Removed incidents are left out.
 pub(crate) fn said_again(connection: &Connection, number: u64) -> Result<Vec<Record>, StoreError> {
     let (before, all) =
         (records(connection, None, number)?, records(connection, None, schema::RECORD_NUMBER_MAX)?);
@@ -241,7 +240,7 @@ pub(crate) fn said_again(connection: &Connection, number: u64) -> Result<Vec<Rec
     Ok(again)
 }
 
-/// The source of a record that says again what a record up to this number said, which was pruned.
+/// The source of such a record, before that number.
 const AGAIN: &str = "records up to";
 
 /// The target of the record on a recording, and on its row if that is known.

@@ -141,7 +141,7 @@ fn domain(asked: Option<u16>) -> anyhow::Result<u16> {
     }
 }
 
-/// Those that no participant on this machine uses.
+/// The domains that no participant on this machine uses.
 pub(in crate::cli) fn free_domains() -> impl Iterator<Item = u16> {
     DOMAINS.filter(|&domain| is_free(domain))
 }

@@ -201,7 +201,7 @@ impl Incidents {
             news.push(Content::Incident(incident.clone()));
             self.told.insert(alarm.id, incident);
         }
-        // One that was acknowledged before is gone at its end.
+        // An alarm that was acknowledged before is gone at its end.
         self.told.retain(|number, incident| {
             let is_there = snapshot.alarms.iter().any(|alarm| alarm.id == *number);
             if !is_there && incident.until.is_none() {
