@@ -42,7 +42,7 @@ fn vehicles_are_enrolled_and_revoked_in_the_folder_of_a_hub() {
     assert_eq!((error.as_str(), code), ("", Some(0)), "{told}");
     let config = fs::read_to_string(hub.join("nats-server.conf")).unwrap();
     assert!(
-        config.contains("listen: \"127.0.0.1:4222\"") && config.contains("include \"users.conf\""),
+        config.contains("listen: \"127.0.0.1:4222\"") && config.contains("include \"accounts.conf\""),
         "{config}"
     );
     let (_, error, code) = fleet(&["hub-config", dir]);
@@ -55,8 +55,8 @@ fn vehicles_are_enrolled_and_revoked_in_the_folder_of_a_hub() {
         let mode = hub.join(private).metadata().unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o600, "{private}");
     }
-    let users = || fs::read_to_string(hub.join("users.conf")).unwrap();
-    assert!(users().contains("tt.1.shuttle-03.log"));
+    let accounts = || fs::read_to_string(hub.join("accounts.conf")).unwrap();
+    assert!(accounts().contains("tt.1.shuttle-03.log"));
     let (listed, ..) = fleet(&["list", "--dir", dir]);
     assert!(listed.starts_with("shuttle-03  U") && listed.lines().count() == 1, "{listed}");
     let (_, error, code) = fleet(&["enrol", "shuttle-03", "--dir", dir]);
@@ -66,7 +66,7 @@ fn vehicles_are_enrolled_and_revoked_in_the_folder_of_a_hub() {
 
     let (_, error, code) = fleet(&["revoke", "shuttle-03", "--dir", dir]);
     assert_eq!((error.as_str(), code), ("", Some(0)));
-    assert!(!users().contains("shuttle-03") && !hub.join("shuttle-03.nk").exists());
+    assert!(!accounts().contains("shuttle-03") && !hub.join("shuttle-03.nk").exists());
     assert_eq!(fleet(&["list", "--dir", dir]).0, "");
     let (_, error, code) = fleet(&["list", "--dir", folder.path().to_str().unwrap()]);
     assert!(code == Some(2) && error.contains("is no folder of a hub"), "{error}");

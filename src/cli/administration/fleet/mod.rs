@@ -220,7 +220,7 @@ fn reload(hub: &HubFolder, dir: &Path) -> anyhow::Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         Err(error) => {
-            say!("nats-server cannot be told ({error}): send it a SIGHUP");
+            say!("nats-server cannot be told ({error}): send it two SIGHUPs, a second apart");
             Ok(ExitCode::from(EXIT_NO))
         }
     }
