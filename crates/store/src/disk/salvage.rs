@@ -172,7 +172,8 @@ fn salvage(
     }
     if unread.iter().any(|table| table == "countermeasures") {
         losses.push(
-            "what the vehicle was asked for may be missing: if it was held, nothing holds it after the start"
+            "a request that holds the vehicle may be missing: the page does not show it, and the vehicle stays held until \
+             the next clearance or release"
                 .to_owned(),
         );
     }
