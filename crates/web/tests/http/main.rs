@@ -4,28 +4,16 @@
 #![allow(clippy::unwrap_used)]
 
 mod access;
-mod api;
-mod attacks;
-mod audit;
-mod bounds;
-mod damaged_database;
+mod connections;
 mod developer;
-mod durable;
-mod expired_sessions;
+mod disk;
 mod fixture;
 #[path = "../../../../tests/it/folder.rs"]
 mod folder;
-mod incidents;
-mod late_actions;
-mod login;
-mod login_policy;
-mod replay;
+mod logins;
+mod programs;
+mod recordings;
 #[path = "../../../../tests/it/schemas.rs"]
 mod schemas;
-mod services;
-mod snapshot_json;
-mod sockets;
 mod stops;
-mod streams;
-mod trusted_recordings;
 mod vehicle;

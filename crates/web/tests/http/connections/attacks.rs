@@ -13,8 +13,8 @@ use tokio_tungstenite::MaybeTlsStream;
 use tokio_tungstenite::tungstenite::Message;
 use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 
+use crate::connections::sockets::{Server, Socket, closed, next_json};
 use crate::fixture::{Fixture, as_program, form_request, until};
-use crate::sockets::{Server, Socket, closed, next_json};
 
 /// The longest time that a busy machine may take for things that take a moment.
 const PATIENCE: Duration = Duration::from_secs(10);

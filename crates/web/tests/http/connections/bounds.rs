@@ -15,9 +15,9 @@ use tokio::net::TcpStream;
 use tokio::time::timeout;
 
 use crate::access::HEADERS;
+use crate::connections::sockets::{Server, next_json};
 use crate::fixture::{Fixture, as_program, form_request, request};
 use crate::folder::TestFolder;
-use crate::sockets::{Server, next_json};
 
 /// A little more than a connection has for its head.
 const PATIENCE: Duration = Duration::from_secs(14);

@@ -13,7 +13,7 @@ use telltale_store::audit::{Action, Entry, Record, TELLTALE};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
-use crate::expired_sessions::Disk;
+use super::expired_sessions::Disk;
 use crate::fixture::{Answer, Fixture, as_program, form_request, login_from, settled, until};
 
 /// An operator at a vehicle that stands, whose taps wait between their judgement and the disk.

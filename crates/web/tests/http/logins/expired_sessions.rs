@@ -14,9 +14,9 @@ use telltale_web::DEVELOPER_IDLE_MAX;
 use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 
+use crate::connections::sockets::{Server, Socket, closed, next_json};
 use crate::fixture::Fixture;
 use crate::folder::TestFolder;
-use crate::sockets::{Server, Socket, closed, next_json};
 
 const fn hours(count: u64) -> Span {
     Span::from_secs(count * 3600)

@@ -5,7 +5,7 @@ use telltale_record::folder::{file_name, folder_in};
 use telltale_record::summary::{Recording, Summary};
 use telltale_record::writer::hash_file;
 
-use crate::incidents::{BYTES, Recorded};
+use crate::recordings::incidents::{BYTES, Recorded};
 
 #[tokio::test]
 async fn without_a_recording_there_is_no_clearance_whatever_the_operator_accepts() {

@@ -17,8 +17,8 @@ use telltale_web::view::Trends;
 use telltale_web::{AppState, Origins, Player, Replay, Settings, router};
 use tokio_tungstenite::tungstenite::Message;
 
+use crate::connections::sockets::{Server, next_json};
 use crate::fixture::{ADDRESS, Fixture, as_program, form_request, model};
-use crate::sockets::{Server, next_json};
 
 /// Seconds since the beginning of the recording, and what the LiDAR says.
 const RECORDED: [(u64, u8, &str); 5] = [

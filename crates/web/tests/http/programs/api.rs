@@ -112,7 +112,7 @@ async fn a_plain_request_for_the_stream_is_told_how_to_use_it() {
 async fn the_history_comes_in_pages_each_record_once() {
     let (fixture, cookie) = fixture().await;
     let all = async || fixture.get_json("/api/v1/history", &cookie).await;
-    super::fixture::until(async || all().await["records"].to_string().contains("packets")).await;
+    crate::fixture::until(async || all().await["records"].to_string().contains("packets")).await;
     let all = all().await["records"].as_array().unwrap().clone();
     let (mut paged, mut after) = (Vec::new(), json!(0));
     while !after.is_null() {

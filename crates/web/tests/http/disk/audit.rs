@@ -13,9 +13,9 @@ use telltale_runtime::Stamped;
 use telltale_store::audit::{Action, Entry, Record};
 use telltale_web::Peer;
 
+use crate::connections::sockets::Server;
 use crate::fixture::{Fixture, as_program, form_request, model, request};
 use crate::folder::TestFolder;
-use crate::sockets::Server;
 
 /// The records so far, oldest first, as `action who target outcome`.
 async fn records(fixture: &Fixture) -> Vec<String> {

@@ -226,7 +226,7 @@ async fn a_report_is_a_document_of_its_own_for_those_who_may_read_incidents() {
         let policy = report.header("content-security-policy").unwrap();
         let own = policy.strip_suffix("; frame-ancestors 'none'").unwrap();
         assert!(own.starts_with("default-src 'none'; style-src 'sha256-"), "{policy}");
-        for (name, value) in super::access::HEADERS.iter().skip(1) {
+        for (name, value) in crate::access::HEADERS.iter().skip(1) {
             assert_eq!(report.header(name), Some(*value), "{name}");
         }
         // No recording has these bytes: that is said, and the rest is there.
@@ -289,7 +289,7 @@ async fn a_mark_has_a_name_a_note_and_a_record() {
     assert_eq!((&*mark.action, &*mark.who), ("mark", "operator"));
     // Without a body.
     let mut bare = request(Method::POST, "/api/v1/mark", Some(&operator));
-    bare.headers_mut().insert("origin", super::fixture::OWN_ORIGIN.parse().unwrap());
+    bare.headers_mut().insert("origin", crate::fixture::OWN_ORIGIN.parse().unwrap());
     assert_eq!(recorded.fixture.send(bare).await.status, StatusCode::OK);
     // By a developer's page.
     let developer = recorded.fixture.cookie_of("developer").await;

@@ -2,7 +2,7 @@
 
 use tokio_tungstenite::tungstenite::http::StatusCode;
 
-use crate::sockets::{Server, next_content, next_json};
+use crate::connections::sockets::{Server, next_content, next_json};
 
 #[tokio::test]
 async fn a_program_gets_whole_snapshots() {

@@ -444,7 +444,7 @@ async fn a_session_that_is_used_from_elsewhere_is_recorded_and_told_its_page() {
         let cookie = server.fixture.cookie_of(user).await;
         let mut open = server.connect(page, &cookie).await;
         for from in ["127.0.0.1", "::1", "10.0.0.66", "10.0.0.66"] {
-            let mut stolen = super::fixture::request(Method::GET, "/api/v1/snapshot", Some(&cookie));
+            let mut stolen = crate::fixture::request(Method::GET, "/api/v1/snapshot", Some(&cookie));
             stolen.extensions_mut().insert(Peer(SocketAddr::new(from.parse().unwrap(), 40_000)));
             assert_eq!(server.fixture.send(stolen).await.status, StatusCode::OK, "{from}");
         }

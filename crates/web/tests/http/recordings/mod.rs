@@ -1,0 +1,5 @@
+//! Incidents with their recordings, and replays.
+
+pub mod incidents;
+mod replay;
+mod trusted_recordings;
