@@ -234,7 +234,7 @@ impl Store {
         for (id, heads) in &changes.unwritten.heads {
             for (head, stored_ms) in heads {
                 let record = i64::try_from(head.number).unwrap_or(i64::MAX);
-                // An older one that the hub took earlier is read again, after it was thinned out.
+                // An older head that the hub took earlier is read again, after it was thinned out.
                 let sql = "INSERT OR IGNORE INTO audit_heads (vehicle, record, head, stored_ms)
                            SELECT ?1, ?2, ?3, ?4 WHERE NOT EXISTS (
                                SELECT 1 FROM audit_heads WHERE vehicle = ?1 AND record > ?2 AND stored_ms > ?4)";

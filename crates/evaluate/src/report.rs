@@ -90,8 +90,8 @@ fn in_real_time(live: &Live) -> String {
     line(
         &mut out,
         format_args!(
-            "{trials} of the trials, with {faults} faults, in real time over DDS. Runs in which the computer held up the program \
-             or a message for longer than 0.2 s were made again: {}. Trials without a run that counts: {}.\n",
+            "{trials} of the trials, with {faults} faults, in real time over DDS. Runs that the computer held up for longer \
+             than 0.2 s were made again: {}. Trials without a run that counts: {}.\n",
             live.repeated,
             live.left_out.len()
         ),

@@ -315,7 +315,7 @@ fn quoted(path: &Path) -> String {
 
 /// The accounts: that of the fleet, with the streams and the consoles, and one of each vehicle. A vehicle tells of itself and
 /// hears the wishes to itself, and nothing else. Its account matters: within one account, JetStream sends its answers to any
-/// subject that a request names, so a vehicle could have what it stored sent on as another vehicle's, or as an order to
+/// subject that a request names, so a vehicle could have its own message sent on as another vehicle's, or as an order to
 /// remove a stream. Between accounts an answer goes back to the account that asked.
 fn accounts(users: &Users) -> String {
     let mut text = String::from("# Written by `telltale fleet enrol` and `telltale fleet revoke`.\n");

@@ -54,7 +54,7 @@ impl Subjects {
         Subjects::with(id.as_str())
     }
 
-    /// Those of a vehicle, or with `*` of all.
+    /// The subjects of a vehicle, or with `*` of all vehicles.
     pub(crate) fn with(id: &str) -> Subjects {
         let subject = |end: &str| format!("tt.1.{id}.{end}");
         Subjects {

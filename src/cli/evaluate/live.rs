@@ -1,4 +1,4 @@
-//! Trials in real time: the machine publishes over DDS what it has in virtual time, and the bridge and the engine's task of
+//! Trials in real time: the machine publishes over DDS its messages of virtual time, and the bridge and the engine's task of
 //! `telltale serve` hear it. The machine does not obey them, as in virtual time.
 
 use std::collections::VecDeque;

@@ -121,7 +121,7 @@ impl Failure {
     }
 }
 
-/// A person with at least one role, whom the issuer logged in.
+/// A person that the issuer logged in, with at least one role.
 #[derive(Debug)]
 pub struct Person {
     /// With the issuer's host, so that no user here has this name.

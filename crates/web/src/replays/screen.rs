@@ -96,7 +96,7 @@ pub fn is_page(address: &str) -> bool {
 
 /// The answer of a server behind this one.
 pub async fn passed_on(server: &Router, mut request: Request) -> Response {
-    // The parameters of this address would be taken for those of the one behind it.
+    // The server behind would take the parameters of this address for its own.
     let mut outer = std::mem::take(request.extensions_mut());
     carry::<Peer>(&mut outer, &mut request);
     carry::<Meter>(&mut outer, &mut request);

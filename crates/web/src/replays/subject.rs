@@ -25,7 +25,7 @@ type OpenFile = dyn Fn() -> Result<Run, ReplayError> + Send + Sync;
 pub struct ServedFile {
     /// For people.
     pub name: String,
-    /// The page from which people come; empty if there is none.
+    /// The page that "Leave the replay" leads to; empty if there is none.
     pub leave: String,
     open: Arc<OpenFile>,
 }

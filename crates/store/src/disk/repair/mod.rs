@@ -58,7 +58,7 @@ pub struct Repaired {
 pub fn check_data(folder: &Path) -> Result<DataState, StoreError> {
     let database = folder.join(FILE_NAME);
     let trace = backup::trace_of_database(folder);
-    // Before the database: a server that runs notes what it has written.
+    // Before the database: a server that runs writes there first.
     let noted = read_head(&folder.join(HEAD_FILE_NAME)).ok().flatten();
     let (damage, users) = match backup::holds_something(folder) {
         true => match schema::read_only(folder, schema::LOCK_WAIT) {
@@ -81,7 +81,7 @@ pub fn check_data(folder: &Path) -> Result<DataState, StoreError> {
     Ok(DataState { database, damage, users, history_damage: history_damage(folder), backups })
 }
 
-/// Why the database is not the one to which `audit.head` belongs.
+/// Why `audit.head` belongs to another database.
 fn ends_early(connection: &Connection, noted: Option<Head>) -> Option<String> {
     let last = connection.query_row("SELECT max(number) FROM audit", [], |row| row.get::<_, Option<i64>>(0));
     let (noted, last) = (noted?.number, last.ok()?.unwrap_or(0).unsigned_abs());

@@ -117,7 +117,7 @@ fn drive(vehicle: &mut Simulated, member: &Member, config: &str, fault: &str) ->
     told
 }
 
-/// The same of a drive that began then, with other numbers of incidents, and with the recording of one that has ended.
+/// The same message of a drive that began then: another number of the incident, and its recording once it has ended.
 fn moved(content: &Content, began_ms: i64, before: u64, recorded: Option<&Finished>) -> Content {
     match content {
         Content::Incident(incident) => {
